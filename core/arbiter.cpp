@@ -60,7 +60,7 @@ void Arbiter::take(const request_t& request, const Asker& asker) {
   begin(std::move(wanted));
 }
 
-// Takes the holder's line off the request; "" where it may be asked for.
+// Removes the holder's line from the request; "" if the request is allowed.
 std::string Arbiter::not_allowed(request_t& request, const Asker& asker) const {
   std::string who;
   request.text = without_holder(request.text, &who);

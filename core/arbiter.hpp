@@ -1,25 +1,26 @@
-// One tick for all: the plant makes a request take effect at the same tick in every process.
+// One tick for all processes: the plant makes a request take effect at the same tick in each of
+// them.
 //
 //   asker -> plant   the request, repeated until the plant answers
-//   plant -> others  prepare: each process checks the request and agrees, or says why not
-//   plant -> others  apply at T, repeated until each has said that it will
-//   plant -> asker   applied at T; or refused, with the reason of the process that refused
+//   plant -> others  prepare: each process checks the request and agrees, or gives the reason why
+//                    not
+//   plant -> others  apply at T, repeated until each has confirmed
+//   plant -> asker   applied at T; or refused, with the reason of the refusing process
 //
-// In lock-step T is the first tick that the plant has not begun, or a later one that was asked for, at
-// most kAhead_s later.
-// Nothing of tick T exists before MEASUREMENT(T), and the plant holds that back until every process
-// has answered. So T is common whatever is lost or late, and a silent process ends the run as it
-// does at any tick. In realtime nobody waits: T is kMargin_s ahead, and a process that has not
-// answered by then is named in the reply, which refuses.
+// In lock-step T is the first tick that the plant has not begun, or a later requested one, at most
+// kAhead_s later. Nothing of tick T exists before MEASUREMENT(T), and the plant does not send it
+// before every process has answered. So T is common in spite of lost or late messages, and a silent
+// process ends the run as at any tick. In realtime nobody waits: T is kMargin_s ahead, and a
+// process that has not answered by then is named in the reply, which refuses the request.
 //
-// One request after the other: prepare, apply and drop come from the plant alone. A request that
-// comes again gets the same answer.
+// Requests are handled one after another: prepare, apply and drop come from the plant alone. A
+// repeated request gets the same answer.
 //
 // Control: at most one holder, who sends a heartbeat. While there is one, requests of others are
-// refused, but stop and the changes of the model that the monitor makes by itself. A holder is known
-// by name and socket, the monitor by the socket of its role: who only gives the name is somebody else.
-// A holder that falls silent for kSilent_s is reported; steering.hold_s later the drive is stopped on
-// a ramp. Without a holder any request counts.
+// refused, except stop and the monitor's own changes of the model. A holder is identified by name
+// and socket, the monitor by the socket of its role: a sender with the name alone is not the
+// holder. A holder that is silent for kSilent_s is reported; steering.hold_s later the drive is
+// stopped on a ramp. Without a holder every request is allowed.
 #pragma once
 #include <chrono>
 #include <deque>
@@ -44,11 +45,11 @@ class Arbiter {
   // Who asks, as the bus knows it.
   struct Asker {
     std::uint64_t socket = 0;  // 0: not known
-    bool is_monitor = true;    // where that is known
+    bool is_monitor = true;    // if known
   };
-  // What the arbiter needs of its process.
+  // The functions of its process that the arbiter uses.
   struct Host {
-    std::function<std::int64_t()> next_tick;        // the first one that is not begun
+    std::function<std::int64_t()> next_tick;        // the first one that has not begun
     std::int64_t ticks = 0;                         // of the run
     std::int64_t margin_ticks = 0;                  // realtime; 0: lock-step, the host holds
     std::int64_t ahead_ticks = INT64_MAX;           // kAhead_s
@@ -59,8 +60,8 @@ class Arbiter {
     std::function<void(request_t)> ask;
     std::function<void(reply_t)> answer;
     std::function<void(Reason, std::int64_t k, const std::string&)> event;
-    std::function<void()> released;         // what was held back may go on
-    std::function<void()> refused = [] {};  // a sender without control asked
+    std::function<void()> released;         // the held tick may begin
+    std::function<void()> refused = [] {};  // a request without control was refused
   };
   explicit Arbiter(Host host) : host_(std::move(host)) {}
 
@@ -68,7 +69,7 @@ class Arbiter {
   void take(const reply_t& reply);
   // Repeats and time-outs; often.
   void turn();
-  // True where the host must not begin tick k yet.
+  // True while the host must not begin tick k.
   bool holds(std::int64_t k) const {
     return host_.margin_ticks == 0 && phase_ == Phase::kApplying && k >= tick_;
   }

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 constexpr const char* kFile = "session.json";
 
-// Empty where nothing runs there, or the file is another program's.
+// Empty if no set runs there, or if the file belongs to another program.
 std::optional<RunningSet> running_in(const fs::path& directory) {
   std::ifstream in(directory / kFile);
   if (!in) return {};

@@ -14,7 +14,7 @@ struct RunningSet {
 };
 
 // The set that runs in `run_dir`; empty: the one below runs/ that was started last. Throws BadInput
-// where there is none: nothing was found, or its supervisor has ended.
+// if there is none: nothing was found, or its supervisor has ended.
 RunningSet find_running_set(const std::string& run_dir);
 
 // The file, as long as this object lives.

@@ -1,4 +1,4 @@
-// [bridge] of a drive file: how the host reaches a real drive, and what it may do there.
+// [bridge] of a drive file: connection of the host to a real drive, and limits of its commands.
 #pragma once
 #include <string>
 
@@ -13,8 +13,8 @@ inline constexpr const char* kDriveProtocolNames[] = {"twinrate", "moteus", "ves
 enum class BridgeMode : int { kControl = 0, kListen = 1 };
 inline constexpr const char* kBridgeModeNames[] = {"control", "listen"};
 
-// What the host sends to a moteus: torque through its position mode, whose watchdog acts, or
-// voltages, where it has none.
+// Commands to a moteus: torque through its position mode, which has a watchdog, or voltages,
+// without a watchdog.
 enum class MoteusControl : int { kTorque = 0, kVoltage = 1 };
 inline constexpr const char* kMoteusControlNames[] = {"torque", "voltage"};
 
@@ -40,7 +40,7 @@ struct BridgeParameters {
   bool without_watchdog = false;
   void fields(FieldVisitor& f);
 
-  // Whether the drive itself switches off where the host falls silent.
+  // True if the drive itself switches off when the host is silent.
   bool device_has_watchdog() const;
   // Whether the bridge has commands for it: not for a VESC, nor over the debug UART of a moteus.
   bool takes_commands() const;

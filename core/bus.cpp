@@ -34,8 +34,8 @@ constexpr std::size_t kHeaderSize = 32;
 
 constexpr int kPortsSplit = 6;
 
-// The matches of a pattern and its groups; empty where it does not match. POSIX, because std::regex
-// is slow to compile.
+// The match of a pattern and its groups; empty if the text does not match. POSIX, because
+// std::regex is slow to compile.
 std::vector<std::string> match(const std::string& text, const char* pattern) {
   regex_t regex;
   const int compiled = regcomp(&regex, pattern, REG_EXTENDED);
@@ -49,13 +49,13 @@ std::vector<std::string> match(const std::string& text, const char* pattern) {
   return found;
 }
 
-// LCM itself prints several lines, or none, where a URL is malformed.
+// For a malformed URL, LCM itself prints several lines or none.
 bool well_formed(const std::string& url) {
   const auto parts =
       match(url,
             "^udpm://([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3})[.]([0-9]{1,3}):([0-9]{1,5})"
             "([?](ttl|recv_buf_size)=[0-9]+(&(ttl|recv_buf_size)=[0-9]+)*)?$");
-  // None of a file: liblcm would empty the one that mode=w names.
+  // No file URLs: liblcm would empty the file that mode=w names.
   if (parts.empty()) return !match(url, "^(mpudpm|tcpq|memq)://").empty();
   const auto number = [&](std::size_t i) { return std::stoi(parts[i]); };
   return number(1) >= 224 && number(1) <= 239 && number(2) <= 255 && number(3) <= 255 &&
@@ -172,7 +172,7 @@ BusCounters Bus::counters() const {
   return all;
 }
 
-// What a process sends about what it heard.
+// Channels on which a process answers received messages.
 static bool is_answer(Channel channel) {
   return channel == Channel::kGain || channel == Channel::kStatus || channel == Channel::kEvent ||
          channel == Channel::kReply || channel == Channel::kAck;
@@ -257,7 +257,7 @@ bool Bus::admit(Channel channel, std::int64_t seq, std::int64_t session) {
   return false;
 }
 
-// Whether the message has a valid tag, where one is asked for.
+// True if the message has a valid tag, or if tags are not required.
 bool Bus::is_genuine(Channel channel, const std::uint8_t* bytes, std::size_t size) {
   if (!checks_tags() || tagger_->is_genuine(name_of(channel), bytes, size)) return true;
   ++counters_.refused;
@@ -299,8 +299,8 @@ std::int64_t Bus::gap(Channel channel, std::int64_t last, std::int64_t seq) cons
   return seq - last - 1;
 }
 
-// A repeated message has an older number. Only where an unbound bus receives the first number again
-// has a log been started anew.
+// A repeated message has an older number. An unbound bus that receives the first number again is
+// playing a log from its start.
 void Bus::count_gap(Channel channel, std::int64_t seq) {
   std::int64_t& first = first_seq_[static_cast<std::size_t>(channel)];
   std::int64_t& last = last_seq_[static_cast<std::size_t>(channel)];
@@ -327,7 +327,7 @@ void Bus::received(Channel channel, const std::uint8_t* bytes, std::size_t size,
   if (!is_genuine(channel, bytes, size)) return;
   std::int64_t seq = 0, t_ns = 0;
   const std::int64_t session = big_endian_64(bytes + 24);
-  const bool foreign = bound_ && session != session_;  // refused whatever it is
+  const bool foreign = bound_ && session != session_;  // always refused
   if (!foreign && !is_whole_message(channel, bytes, size, seq, t_ns)) {
     ++counters_.undecodable;
     return;

@@ -1,14 +1,13 @@
-// The bus: LCM with sessions, sequence numbers, an account of losses, and messages that can be sent
-// again.
+// The bus: LCM with sessions, sequence numbers, a loss account, and repeated sending of messages.
 //
 // udpm URLs have sockets of this project (core/lcm_socket); others have liblcm's.
 //
 // A Bus belongs to one thread. It is bound to a session (the supervisor's) or unbound; an unbound
-// one adopts the first session it hears. Messages of another session are refused and counted. A
-// message is checked whole (core/message_check) before anything decodes it, in a launched set its tag
-// (core/message_tag) before that; one that fails is
-// counted as undecodable and goes no further. Every receiver counts gaps. Messages published lately
-// are kept, so that a receiver can request one (DRIVE_ACK).
+// one adopts the first session that it hears. Messages of another session are refused and counted.
+// A message is checked as a whole (core/message_check) before it is decoded, and in a launched set
+// its tag (core/message_tag) is checked before that. A message that fails is counted as undecodable
+// and dropped. Every receiver counts gaps. The latest published messages are kept, so that a
+// receiver can request one (DRIVE_ACK).
 #pragma once
 #include <array>
 #include <cstdint>
@@ -29,10 +28,9 @@ namespace twinrate {
 
 inline constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";
 
-// `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput where LCM could not understand
-// it.
+// `wanted`, else LCM_DEFAULT_URL, else kDefaultUrl. Throws BadInput if LCM would not understand it.
 std::string resolve_url(const std::string& wanted);
-// Throws BadInput where LCM could not use it in a channel's name.
+// Throws BadInput if LCM could not use it in the name of a channel.
 void check_channel_suffix(const std::string& suffix);
 
 class BusTransport;    // core/bus_transport.hpp
@@ -51,19 +49,19 @@ struct BusOptions {
   std::function<std::int64_t(std::int64_t first, std::int64_t last)> gains_between;
   // Messages of a tick from this one on are refused. The default allows every tick.
   std::int64_t ticks = INT64_MAX;
-  // Above 0, realtime: a message of a tick that is this much further ahead of the last one on its channel
-  // is refused, unless it follows a refused one: a hole in what arrives is believed at the second
-  // message after it. Thinned estimates may be two periods further; GAIN is not looked at.
+  // Above 0, realtime: a message of a tick this much further ahead of the last one on its channel
+  // is refused, unless it follows a refused one: a hole in the sequence is accepted at the second
+  // message after it. Thinned estimates may be two periods further. GAIN is not checked.
   std::int64_t max_jump = 0;
   std::size_t history = 2048;  // messages a channel kept for sending again
-  // Above 0: messages do not wake the process, it reads them in this period. For one that nobody
-  // waits for: a wake-up costs its sender more than the message.
+  // Above 0: messages do not wake the process; it reads them with this period. For a process that
+  // nobody waits for: a wake-up costs its sender more than the message.
   double drain_every_ms = 0;
   // Looks for a message for so long before it sleeps.
   double spin_us = 0;
   // Not negative: publish_later() leaves the sending to a thread on this CPU.
   int later_cpu = -1;
-  // A token file (core/message_tag): what is sent is tagged. "": what is sent has no tag.
+  // A token file (core/message_tag) for the tags of sent messages. "": no tags.
   std::string token_file;
   // SharedMemory::path(): the messages of a tick go through it (core/shared_ring), this process being one of
   // plant, estimator, gain, controller and logger. "": as all others do.
@@ -71,8 +69,8 @@ struct BusOptions {
   bool authenticate = true;  // with a token: a message without a valid tag is refused
 };
 
-// A message of a quiet channel does not wake the process. It is read with the next one that does,
-// and handled before it.
+// A message of a quiet channel does not wake the process. It is read at the next wake-up, and
+// handled before the message that caused the wake-up.
 enum class Wake { kAtOnce, kQuiet };
 
 struct BusCounters {
@@ -81,8 +79,8 @@ struct BusCounters {
 
 class Bus {
  public:
-  // Throws std::runtime_error where the machine has no multicast route (the message names the
-  // remedy) and BadInput where the URL or suffix is malformed.
+  // Throws std::runtime_error if the machine has no multicast route (the message names the remedy),
+  // and BadInput if the URL or suffix is malformed.
   explicit Bus(const BusOptions& options);
   ~Bus();
   Bus(const Bus&) = delete;
@@ -90,7 +88,7 @@ class Bus {
 
   std::int64_t session() const { return session_; }
   bool bound() const { return bound_; }
-  // What is sent from now on is tagged by this file; "": it has no tag. Throws BadInput.
+  // Tags the messages sent from now on by this file; "": without tags. Throws BadInput.
   void tag_with(const std::string& token_file);
   // Messages without a valid tag are refused.
   bool checks_tags() const { return tagger_ && options_.authenticate; }
@@ -111,10 +109,10 @@ class Bus {
   void on_second_sender(std::function<void(const SecondSender&)> handler) {
     second_sender_ = std::move(handler);
   }
-  // Of the message that is being handled; 0: the transport does not give it.
+  // Sender of the message that is being handled; 0: the transport does not provide it.
   SocketName sender() const;
-  // Whether it comes from the process of this role, which may be this one. True where nobody is
-  // asked who he is.
+  // True if it comes from the process of this role, which may be this one. Also true if senders are
+  // not checked.
   bool is_from(Role role) const;
   // Called with every status of this process's role from another process.
   void on_twin(std::function<void(const status_t&)> handler) { twin_ = std::move(handler); }
@@ -130,9 +128,9 @@ class Bus {
   void subscribe(std::function<void(const Message&)> handler, Wake wake = Wake::kAtOnce);
   // While true, messages of quiet channels wake the process, too: it waits for one.
   void wake_for_all(bool all) { wake_for_all_ = all; }
-  // Of ESTIMATE only the snapshots at this rate and those that ask for a gain (kGainEveryTick) are
-  // wanted; a second call leaves those that either wants. The others need not arrive, and are no
-  // gap.
+  // Subscribes to the ESTIMATE messages that are snapshots at this rate or request a gain
+  // (kGainEveryTick); a second call adds its rate. The other estimates need not arrive and count as
+  // no gap.
   void want_estimates(BackgroundRate rate);
   // Every message of every channel, raw: for the logger, and with its acknowledgements for who shows
   // the bus. Session and loss rules as above.
@@ -140,19 +138,18 @@ class Bus {
                                         std::int64_t seq, std::int64_t t_ns)>;
   void subscribe_all(const RawHandler& handler, bool with_acks = false);
 
-  // Stamps the session and sends, several messages with one system call; kept for sending again
-  // where seq >= 0.
+  // Stamps the session and sends, several messages with one system call. A message with seq >= 0 is
+  // kept for repeated sending.
   template <class... Message>
   void publish(Message... messages);
-  // For a message that nobody waits for: it may leave later than those published after it.
+  // For a message that nobody waits for: later messages may leave before it.
   template <class Message>
   void publish_later(Message message);
-  // Sends the latest message of a channel again with the same seq; false where it is no longer
-  // kept.
+  // Sends the latest message of a channel again with the same seq; false if it is no longer kept.
   bool send_again(Channel channel, std::int64_t seq);
 
-  // Handles what arrives within `timeout_ms`; false where nothing arrived. An exception of a
-  // handler is thrown here: it must not cross LCM's own frames.
+  // Handles the messages of `timeout_ms`; false if none arrived. An exception of a handler is
+  // thrown here, because it must not cross LCM's own frames.
   bool handle(double timeout_ms);
   // When the message that a handler has now arrived here, wall clock; 0: unknown (only with
   // drain_every_ms).
@@ -241,7 +238,7 @@ void Bus::stage(Message& message) {
   message.tag = 0;
   if constexpr (requires { message.host_ns; }) message.host_ns = host_now_ns();
   if constexpr (std::is_same_v<Message, request_t>)
-    if (message.t_ns == 0) message.t_ns = host_now_ns();  // each sending of it is another message
+    if (message.t_ns == 0) message.t_ns = host_now_ns();  // each sending is another message
   if (staged_.size() == staged_count_) staged_.emplace_back();
   Staged& staged = staged_[staged_count_++];
   staged.channel = kChannelOf<Message>;

@@ -98,7 +98,7 @@ class UdpmTransport : public BusTransport {
   // Below it the time-out of a socket, in ticks of the kernel's clock, is too coarse.
   static constexpr double kCoarse_ms = 8;
   static constexpr std::size_t kBatch = 8, kDrainBatch = 64;
-  // A socket that is only read every drain_every_ms must hold that time's messages.
+  // A socket read only every drain_every_ms must hold the messages of that time.
   static constexpr int kDrainBuffer = 1 << 20;
 
   struct Subscription {
@@ -120,7 +120,7 @@ class UdpmTransport : public BusTransport {
     address.port = static_cast<std::uint16_t>(address.port + port_offset);
     return address;
   }
-  // Quiet ports first: what came on them is handled before what woke the process.
+  // Quiet ports first: their messages are handled before the one that woke the process.
   Port& port_at(int offset, bool quiet) {
     for (const auto& port : ports_)
       if (port->offset == offset && port->quiet == quiet) return *port;
@@ -131,8 +131,8 @@ class UdpmTransport : public BusTransport {
     ports_.insert(quiet ? ports_.begin() : ports_.end(), std::move(made));
     return port;
   }
-  // A channel has one socket: what went later once, goes later when it is sent again. A process that
-  // sends nothing later has no thread for it.
+  // A channel has one socket: a message sent later once is sent later again when it is repeated. A
+  // process without such messages has no thread for them.
   bool goes_later(const Outgoing& m) {
     if (later_cpu_ < 0 || m.port_offset != 0) return false;
     const auto known = std::find(later_channels_.begin(), later_channels_.end(), m.channel);
@@ -267,7 +267,7 @@ class LiblcmTransport : public BusTransport {
         std::make_unique<Subscription>(Subscription{this, std::move(handler)}));
     lcm::Subscription* subscription =
         lcm_.subscribe(channel.name, &Subscription::receive, subscriptions_.back().get());
-    // The first subscription runs LCM's self-test; where it fails the instance must not be used.
+    // The first subscription runs LCM's self-test; if it fails, the instance must not be used.
     if (!subscription || !lcm_.good() || lcm_.getFileno() < 0)
       throw MachineError("the LCM self-test failed; try twinrate doctor");
     subscription->setQueueCapacity(0);  // unbounded: a full queue would drop the newest message

@@ -1,4 +1,4 @@
-// What carries the messages of a Bus: sockets of this project for udpm URLs, liblcm for others.
+// Transport of a Bus: sockets of this project for udpm URLs, liblcm for others.
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -26,17 +26,17 @@ class BusTransport {
   virtual ~BusTransport() = default;
   virtual void subscribe(const WantedChannel& channel, int port_offset, bool quiet,
                          Handler handler) = 0;
-  // Another `every` of a channel that is subscribed.
+  // Changes `every` of a subscribed channel.
   virtual void change(const WantedChannel&) {}
   virtual void send(const Outgoing* messages, std::size_t count) = 0;
-  // Passes at most one message to its handler; false where none came within `timeout_ms`.
+  // Passes at most one message to its handler; false if none came within `timeout_ms`.
   virtual bool handle(double timeout_ms, bool wake_for_all) = 0;
   virtual std::int64_t malformed() const { return 0; }
-  // When the message that is passed arrived, wall clock; 0: unknown.
+  // Arrival time of the message that is passed, wall clock; 0: unknown.
   virtual std::int64_t arrival_us() const { return 0; }
   // The socket that sent it, as LcmMessage::sender; 0: unknown.
   virtual std::uint64_t sender() const { return 0; }
-  // What it waits on, once everything is subscribed.
+  // The sockets on which it waits, after all subscriptions.
   virtual std::vector<int> sockets() const { return {}; }
   // It is one of this process.
   virtual bool is_own(std::uint64_t /*sender*/) const { return false; }
@@ -48,10 +48,10 @@ struct UdpmOptions {
   int later_cpu = -1;
   double spin_us = 0;
 };
-// On ports `address.port` + port_offset. Throws MachineError where the machine carries no multicast.
+// On ports `address.port` + port_offset. Throws MachineError if the machine has no multicast.
 std::unique_ptr<BusTransport> make_udpm_transport(const UdpmAddress& address,
                                                   const UdpmOptions& options);
-// For every URL that liblcm knows. Throws MachineError where it cannot open it.
+// For every URL that liblcm supports. Throws MachineError if it cannot open the URL.
 std::unique_ptr<BusTransport> make_liblcm_transport(const std::string& url);
 
 }  // namespace twinrate

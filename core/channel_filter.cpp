@@ -34,8 +34,9 @@ sock_filter give(std::uint32_t bytes) {
   return BPF_STMT(BPF_RET | BPF_K, bytes);
 }
 
-// Of the estimates those that a gain process can use; one too short to tell passes and is counted.
-// The machine has 32 bits: seq mod n = ((upper mod n) (2^32 mod n) mod n + lower mod n) mod n.
+// Passes the estimates that a gain process can use; one that is too short to decide passes and is
+// counted. The machine has 32 bits:
+//   seq mod n = ((upper mod n) (2^32 mod n) mod n + lower mod n) mod n
 std::vector<sock_filter> every_nth(const WantedChannel& channel) {
   const auto payload = static_cast<std::uint32_t>(kChannelAt + channel.name.size() + 1);
   const auto wrap = static_cast<std::uint32_t>((std::uint64_t{1} << 32) % channel.every);

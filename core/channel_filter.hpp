@@ -1,9 +1,9 @@
 // A filter in the kernel that lets only wanted messages wake this process.
 //
 // Every LCM message on a port wakes every process on that port, wanted or not, and a wake-up costs
-// more than the whole tick's arithmetic. A classic BPF program on the receiving socket
-// (SO_ATTACH_FILTER, no privilege needed) drops the others before the wake-up. Where the kernel
-// refuses it everything works, only slower (bench/results).
+// more than the arithmetic of a whole tick. A classic BPF program on the receiving socket
+// (SO_ATTACH_FILTER, no privilege needed) drops the others before the wake-up. If the kernel
+// refuses the program, everything works, only slower (bench/results).
 #pragma once
 #include <cstdint>
 #include <string>
@@ -22,10 +22,10 @@ struct WantedChannel {
   Channel channel = Channel::kStatus;
 };
 
-// Lets through, of LCM's small messages, those whose channel begins "DRIVE_" and the first four
-// letters of one of `channels` after it, and whose session is that of the channel; every other datagram
-// form (fragments) passes, and a message that is too short for a session. False where the kernel
-// refuses.
+// Passes LCM's small messages whose channel begins with "DRIVE_" and the first four letters of one
+// of `channels` after it, and whose session is that of the channel. Also passes every other
+// datagram form (fragments), and a message too short for a session. False if the kernel refuses the
+// program.
 bool filter_channels(int socket, const std::vector<WantedChannel>& channels);
 
 }  // namespace twinrate

@@ -1,4 +1,4 @@
-// Every channel once: its name, its message type, and who speaks on it. ARCHITECTURE.md's table is
+// Every channel once: its name, its message type, and its senders. ARCHITECTURE.md's table is
 // checked against this one.
 #pragma once
 #include <array>
@@ -49,7 +49,7 @@ struct ChannelInfo {
   const char* to;
 };
 
-// In the order in which one tick of the loop goes round; the log of a lock-step run has this order
+// In the order of the messages of one tick of the loop; the log of a lock-step run has this order,
 // too.
 inline constexpr std::array<ChannelInfo, kChannelCount> kChannels = {{
     {Channel::kMeasurement, "DRIVE_MEASUREMENT", "measurement_t", "plant",
@@ -115,7 +115,7 @@ inline constexpr const char* kRoleNames[] = {"supervisor", "plant",  "estimator"
                                              "controller", "logger", "replay",    "import",
                                              "monitor",    "bridge", "reference"};
 
-// Roles come off the wire: one that this program does not know has no name here.
+// Roles are received values: a role unknown to this program has no name.
 constexpr const char* role_name(int role) {
   return role >= 0 && role < static_cast<int>(std::size(kRoleNames)) ? kRoleNames[role]
                                                                      : "unknown role";

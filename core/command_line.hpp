@@ -9,7 +9,7 @@ namespace twinrate {
 std::string command_text(int argc, const char* const* argv);
 
 void remember_command(std::string text);
-// Empty where nobody remembered one.
+// Empty if no command was remembered.
 const std::string& remembered_command();
 
 }  // namespace twinrate

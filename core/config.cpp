@@ -30,7 +30,7 @@ void check_effect(const Config::Impl& file, const std::string& path, const Drive
     file.fail(path + ".from_s", kind + ": the switched inverter has it throughout a run");
 }
 
-// `drive` null: the tables as they stand, for whatever drive.
+// `drive` null: the tables as given, independent of a drive.
 std::vector<ConfiguredEffect> read_effects(const Config::Impl& file, const DriveConfig* drive) {
   std::vector<ConfiguredEffect> effects;
   const toml::node* node = file.root.get("effect");
@@ -95,7 +95,8 @@ void check_flux(const Config::Impl& file, const DriveConfig& drive) {
   }
 }
 
-// What is declared too large may be less by an effect below zero, but no loss be a gain.
+// An effect below zero may reduce a value that is declared too large, but no loss may become a
+// gain.
 void check_losses(const Config::Impl& file, const DriveConfig& drive) {
   for (const Effects& effects : {drive.plant_effects(), drive.model_effects()})
     if (const std::string what = negative_loss(effects, drive.machine); !what.empty())
@@ -262,7 +263,7 @@ std::vector<ConfiguredEffect> read_effects_in(const std::string& effects_toml,
   return read_effects(file, nullptr);
 }
 
-// What a model may be extended by. `drive` as in read_effects.
+// Checks an extension of a model. `drive` as in read_effects.
 void check_addition_to(const DriveConfig* drive, const std::string& effects_toml,
                        const std::string& source) {
   Config::Impl file;
@@ -338,7 +339,7 @@ void Config::read_table(const std::string& path, const std::function<void(FieldV
   auto& owned = impl_->owned_text;
   const auto known = std::find_if(owned.begin(), owned.end(),
                                   [&](const auto& entry) { return entry.first == path; });
-  // The second call of `fields`. A function that sets a value undoes here what was read.
+  // The second call of `fields` writes. A function that sets a value restores the read one here.
   const std::string text = write_table(path, fields);
   if (known != owned.end())
     known->second = text;  // read again: it keeps its place

@@ -1,8 +1,8 @@
 // Reads a drive file (TOML) into DriveConfig, with overrides, and writes the resolved file back.
 //
-// Every problem is a BadInput with one line: file:line, the key, what is wrong and what is allowed.
-// Unknown keys are errors. A drive file may start from a preset with `preset = "dilys2021"` and
-// change some keys.
+// Every problem is a BadInput with one line: file:line, the key, the problem and the allowed
+// values. Unknown keys are errors. A drive file may start from a preset with `preset = "dilys2021"`
+// and change some keys.
 #pragma once
 #include <functional>
 #include <memory>
@@ -35,7 +35,7 @@ class Config {
   const DriveConfig& drive() const;
   // Reads the table `path` ("estimator.ekf_sensorless"; absent counts as empty) through `fields`,
   // which may belong to a process folder. Unknown keys in it are errors. Reading it again replaces
-  // what resolved() shows of it.
+  // its part of resolved().
   void read_table(const std::string& path, const std::function<void(FieldVisitor&)>& fields);
   // A table that a folder keeps as a struct: T::kTable is its name, T::fields lists its keys.
   template <class T>
@@ -44,10 +44,10 @@ class Config {
     read_table(T::kTable, [&](FieldVisitor& f) { table.fields(f); });
     return table;
   }
-  // A number as it was given, whoever owns its table; empty where none was.
+  // A number as given, independent of the owner of its table; empty if it was not given.
   std::optional<double> given_number(const std::string& key_path) const;
   bool has_table(const std::string& path) const;  // written in the file, its preset or an override
-  // After every owner has read its tables: a table nobody read is an unknown key.
+  // Call after every owner has read its tables: a table that nobody has read is an unknown key.
   void require_all_read() const;
   // The whole config with every default written out; parse() of it gives the same config. A table
   // that its owner has not read is written as it was given.
@@ -58,23 +58,23 @@ class Config {
   // for the model at least. Tables of filters and controllers have to be read again. Throws
   // BadInput, naming `source`.
   Config with_effects(const std::string& effects_toml, const std::string& source) const;
-  // The same drive without those effects of its model beyond the first `declared` that are written
-  // as in the text. Throws BadInput where one of them is not there.
+  // The same drive without those effects of its model beyond the first `declared` that equal the
+  // ones in the text. Throws BadInput if one of them is missing.
   Config without_effects(const std::string& effects_toml, const std::string& source,
                          std::size_t declared) const;
-  // The same drive with the model that it has from tick k on (known_from_s, known_to_s), as if it
-  // never changed. Throws BadInput where this is no model.
+  // The same drive with its model from tick k on (known_from_s, known_to_s), as if the model never
+  // changed. Throws BadInput if the result is no valid model.
   Config known_at(std::int64_t k) const;
   // The effects of a text of [[effect]] tables. Throws BadInput.
   static std::vector<ConfiguredEffect> effects_in(const std::string& effects_toml,
                                                   const std::string& source);
-  // Throws BadInput where with_effects would with any drive.
+  // Throws BadInput if with_effects would throw for any drive.
   static void check_addition(const std::string& effects_toml, const std::string& source);
   // The keys as given, preset and overrides merged in.
   std::string merged() const;
   // Hash of every key as given: processes whose configs differ must not run together.
   std::int64_t fingerprint() const;
-  // Where a key was written, "file:line", for messages of cross checks.
+  // The place where a key was written, "file:line", for messages of cross checks.
   std::string where(const std::string& key_path) const;
 
   struct Impl;
@@ -84,7 +84,7 @@ class Config {
   std::unique_ptr<Impl> impl_;
 };
 
-// Where presets are looked for: beside the source in a build tree, share/twinrate/config when
+// The directory of the presets: beside the source in a build tree, share/twinrate/config when
 // installed.
 std::string preset_directory();
 std::vector<std::string> preset_names();

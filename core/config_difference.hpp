@@ -1,4 +1,4 @@
-// What differs between drive files.
+// The differences between drive files.
 #pragma once
 #include <string>
 #include <vector>
@@ -7,11 +7,11 @@ namespace twinrate {
 
 struct DifferingKey {
   std::string path;                 // "rates.n", "effect[0].kind"
-  std::vector<std::string> values;  // one of each file, as TOML; empty where it has no such key
+  std::vector<std::string> values;  // one of each file, as TOML; empty if it has no such key
 };
 
-// The keys of which two of the files have other values, in the order of their paths. Throws BadInput for
-// a text that is no TOML.
+// The keys with different values in two of the files, in the order of their paths. Throws BadInput
+// for a text that is not TOML.
 std::vector<DifferingKey> differing_keys(const std::vector<std::string>& toml_texts);
 
 }  // namespace twinrate

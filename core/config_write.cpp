@@ -18,7 +18,7 @@ std::string number_text(double value) {
   return text;
 }
 
-// Of steering.n, policy and emergency the time of the only step says when, too.
+// For steering.n, policy and emergency, a single step also has a time.
 bool is_one_value(const Profile& profile) {
   return profile.is_constant() && profile.steps().front().t_s == 0;
 }

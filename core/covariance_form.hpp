@@ -1,8 +1,8 @@
 // The forms of the covariance update (15); the equations are in estimator/covariance.hpp.
 //
-// "sequential" takes one output after the other, for diagonal R. It is the same in exact arithmetic
-// and sound where R is far smaller than P^-, because it needs no determinant. "auto" chooses it
-// there, and Joseph elsewhere.
+// "sequential" processes one output after the other, for diagonal R. It equals the others in exact
+// arithmetic and is accurate if R is far smaller than P^-, because it needs no determinant. "auto"
+// chooses it in that case, and Joseph otherwise.
 #pragma once
 
 namespace twinrate {

@@ -8,8 +8,8 @@
 
 namespace twinrate {
 
-// Follows the declared load of a drive from tick 0 on, as the simulated plant applies it: that of the
-// drive file, and what the requests of a steered run made of it.
+// Follows the declared load of a drive from tick 0 on, as the simulated plant applies it: the load
+// of the drive file, changed by the requests of a steered run.
 class DeclaredLoad {
  public:
   explicit DeclaredLoad(const DriveConfig& drive)

@@ -25,10 +25,10 @@ inline bool sizes_fit(const void*, const std::uint8_t*, std::size_t) {
 
 // Offset of the status in an encoded estimate_t: fingerprint and four numbers of 8 bytes before it.
 inline constexpr std::uint32_t kEstimateStatusAt = 40;
-// Estimate::status of an encoded estimate_t; 0 where the message is too short for one.
+// Estimate::status of an encoded estimate_t; 0 if the message is too short.
 int estimate_status(const std::uint8_t* bytes, std::size_t size);
 
-// The first 8 bytes; 0 where there are fewer.
+// The first 8 bytes; 0 if there are fewer.
 std::int64_t fingerprint_in(const std::uint8_t* bytes, std::size_t size);
 // Whether an earlier schema had messages of this channel with this fingerprint.
 bool is_earlier_form(Channel channel, std::int64_t fingerprint);
@@ -36,7 +36,7 @@ bool is_earlier_form(Channel channel, std::int64_t fingerprint);
 std::vector<std::uint8_t> in_todays_form(Channel channel, const std::uint8_t* bytes,
                                          std::size_t size);
 
-// False where the bytes are not such a message.
+// False if the bytes are not a message of this type.
 template <class Message>
 bool decode(Message& message, const void* bytes, std::size_t size) {
   const auto* own = static_cast<const std::uint8_t*>(bytes);

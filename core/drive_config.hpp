@@ -98,7 +98,8 @@ struct ConfiguredEffect {
   std::shared_ptr<const Effect> effect;
   UsedIn used_in = UsedIn::kPlant;
   double from_s = 0;  // it begins then
-  // The time in which the model has it: a steered run keeps what was added and taken out so.
+  // The time in which the model has the effect: a steered run keeps additions and removals this
+  // way.
   double known_from_s = 0, known_to_s = std::numeric_limits<double>::infinity();
 
   bool is_known_at(double t_s) const {
@@ -127,8 +128,8 @@ struct DriveConfig {
   std::int64_t steps() const;
   // The background waits for the filter's agreement before it computes a gain every n ticks.
   bool locks_first() const;
-  // Switched at a multiple of n; with locks_first() the rate after the agreement. The estimate says
-  // which ticks before it send a gain, too (kGainEveryTick).
+  // Switches at a multiple of n; with locks_first() the rate after the agreement. The estimate
+  // shows which earlier ticks need a gain as well (kGainEveryTick).
   BackgroundRate background_rate() const;
   bool sends_gain(const Estimate& e) const { return sends_gain(e.k, e.status); }
   bool sends_gain(std::int64_t k, int estimate_status) const;
@@ -140,8 +141,8 @@ struct DriveConfig {
   Reference reference_at(std::int64_t k) const;
   double omega_m_limit() const;   // twice the fastest of rated speed and references
   double omega_m_start() const;   // 0 unless start = "flying"
-  Effects plant_effects() const;  // what the simulated plant does
-  Effects model_effects() const;  // what estimator and controller know of at the start
+  Effects plant_effects() const;  // effects of the simulated plant
+  Effects model_effects() const;  // effects that estimator and controller know at the start
   // The ticks after 0 at which they come to know other ones, ascending.
   std::vector<std::int64_t> model_changes() const;
   DriveFacts facts() const;

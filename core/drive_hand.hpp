@@ -1,10 +1,10 @@
-// A hand on a running drive: sends requests and waits for the answer of the plant, which decides
+// Access to a running drive: sends requests and waits for the answer of the plant, which decides
 // for the whole set (core/arbiter.hpp). `twinrate set` and the page use it.
 //
 //   DriveHand hand(find_running_set(""), "page");
-//   hand.take_control();                       nobody else can steer from now on, but stop
+//   hand.take_control();                       others can only stop the drive from now on
 //   hand.steer("speed_rpm=1000\nload_Nm=0.1")   -> the tick from which on both hold
-//   .. hand.beat() at least every kBeat_s; whoever falls silent loses the control
+//   .. hand.beat() at least every kBeat_s; a silent holder loses the control
 //   hand.give_control();
 //
 // Belongs to one thread. Without a holder's name each request is independent.
@@ -22,8 +22,8 @@ namespace twinrate {
 struct HandAnswer {
   bool answered = false, accepted = false;
   std::int64_t k = -1;    // first tick that it holds at
-  std::int64_t t_ns = 0;  // drive time of it
-  std::string why;        // where it was refused, or nobody answered
+  std::int64_t t_ns = 0;  // its drive time
+  std::string why;        // reason of a refusal or of a missing answer
   double waited_s = 0;    // from the request to the answer
 };
 
@@ -56,7 +56,7 @@ class DriveHand {
   void beat();
   // As the drive answered last.
   bool has_control() const { return has_control_; }
-  // Handles what has arrived, for users of bus().
+  // Handles the messages that have arrived, for users of bus().
   Bus& bus() { return bus_; }
 
   HandAnswer ask(RequestKind kind, const std::string& text = "", std::int64_t tick = 0);

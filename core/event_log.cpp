@@ -137,7 +137,7 @@ std::string EventLog::wrong_order() {
   return "";
 }
 
-// A log that is played twice into a logger starts again at its first tick.
+// A log played twice into a logger starts again at its first tick.
 bool EventLog::goes_back(Channel channel, std::int64_t seq) {
   TickOrder& order = order_[static_cast<std::size_t>(channel)];
   const bool falls = order.last >= 0 && seq < order.last;
@@ -199,7 +199,7 @@ bool EventLog::take_mark() {
   return true;
 }
 
-// Whether a part goes on where its logger was lost is known at the next mark.
+// The next mark shows whether a part continues after its logger was lost.
 void EventLog::end_of_part() {
   if (!end_missing_.empty()) note(at_, end_missing_);
   end_missing_ = open_ ? fmt::format("{} does not end: it was cut off", parts_[part_]) : "";

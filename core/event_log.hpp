@@ -1,12 +1,12 @@
-// Reads LCM logs of unknown origin: every reader of this project uses it instead of liblcm's, which
-// allocates any length that a damaged log contains.
+// Reads LCM logs of unknown origin. Every reader of this project uses it instead of liblcm's
+// reader, which allocates any length that a damaged log contains.
 //
 // An event is whole if it begins with the sync word, its lengths lie within the file and within
 // kMaxMessageBytes, its number follows the one before, its time stamp does not fall or jump by a
-// day, and, on a channel of the drive, its message decodes (core/message_check.hpp), its drive time is that
-// of its tick, and its tick does not go back. A part that begins must end (core/log_marks.hpp), and
-// at the end the messages are counted against manifest.json beside the log, where that has counts.
-// Anything else is damage, said with event and byte. Memory: one event.
+// day, and, on a channel of the drive, its message decodes (core/message_check.hpp), its drive time
+// is that of its tick, and its tick does not decrease. A part that begins must end
+// (core/log_marks.hpp). At the end the messages are counted against manifest.json beside the log,
+// if it has counts. Any violation is damage, reported with event and byte. Memory: one event.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -41,7 +41,7 @@ class EventLog {
   std::optional<Channel> channel() const { return channel_; }
   const std::string& suffix() const { return suffix_; }
   double share_read() const;
-  // What was skipped: the first damage and the number of places; "" if there was none.
+  // The skipped damage: the first place and the number of places; "" if there was none.
   std::string damage() const;
   // Messages of the drive so far, by channel.
   const std::array<std::int64_t, kChannelCount>& counts() const { return counts_; }
@@ -70,7 +70,7 @@ class EventLog {
   };
 
   bool open_part(std::size_t part, std::int64_t byte);
-  std::string read_header(std::int64_t byte, Header& header);  // returns what is wrong
+  std::string read_header(std::int64_t byte, Header& header);  // returns the error
   std::string read_event(std::int64_t byte);
   std::string wrong_order();
   std::string wrong_content();
@@ -79,7 +79,7 @@ class EventLog {
   void take_manifest();
   bool take_mark();  // false if it is none
   void note(std::int64_t byte, const std::string& what);
-  std::int64_t next_whole(std::int64_t byte);  // where an event may begin; the size at the end
+  std::int64_t next_whole(std::int64_t byte);  // possible start of an event; the size at the end
   void end_of_part();
   void end_of_log();
   void compare_counts();
@@ -101,8 +101,8 @@ class EventLog {
   std::array<TickOrder, kChannelCount> order_;
   std::array<std::int64_t, kChannelCount> counts_{};
   std::optional<DriveConfig> drive_;  // of the manifest
-  // By the marks: the present part has begun and not ended; it ended and goes on in the next one;
-  // what was wrong at the end of the part before.
+  // By the marks: the present part has begun and not ended; it ended and continues in the next one;
+  // the error at the end of the part before.
   bool open_ = false, continues_ = false;
   std::string end_missing_;
   bool jumped_ = false, ended_ = false, counted_ = false;

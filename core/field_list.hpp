@@ -13,7 +13,7 @@ struct FieldRow {
   std::string type;  // number, whole number, boolean, text, choice, numbers, profile
   bool required = false;
   double lo = 0, hi = 0;   // of numbers
-  double value = 0;        // in the struct: the default, or what a drive file gave
+  double value = 0;        // in the struct: the default, or the value of a drive file
   std::string value_text;  // the same for people
   std::vector<std::string> choices;
   std::string meaning;

@@ -42,7 +42,7 @@ void LaterSender::run(int cpu) {
   cpu_set_t set;
   CPU_ZERO(&set);
   CPU_SET(static_cast<std::size_t>(cpu), &set);
-  sched_setaffinity(0, sizeof set, &set);  // of this thread; where it fails it is only slower
+  sched_setaffinity(0, sizeof set, &set);  // of this thread; without it, sending is only slower
   Queue taken;
   while (!stop_) {
     std::this_thread::sleep_for(kPeriod);

@@ -1,8 +1,8 @@
-// Sends what nobody waits for from a thread on another CPU.
+// Sends messages that nobody waits for, from a thread on another CPU.
 //
 // A datagram costs its sender several microseconds in the kernel, as much as a wake-up. On the CPU
-// that the ring of lock-step shares, messages for the log alone (TRUTH, REFERENCE) would lengthen
-// every tick. The thread looks for messages every half millisecond; nobody wakes it.
+// of the lock-step ring, messages for the log alone (TRUTH, REFERENCE) would lengthen every tick.
+// The thread polls for messages every half millisecond; nobody wakes it.
 #pragma once
 #include <atomic>
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace twinrate {
 class LaterSender {
  public:
   LaterSender(const UdpmAddress& address, int cpu);
-  ~LaterSender();  // sends what is left
+  ~LaterSender();  // sends the remaining messages
   LaterSender(const LaterSender&) = delete;
   LaterSender& operator=(const LaterSender&) = delete;
 
@@ -41,7 +41,7 @@ class LaterSender {
 
   LcmSender sender_;
   std::mutex mutex_;
-  Queue waiting_;  // behind mutex_
+  Queue waiting_;  // guarded by mutex_
   std::atomic<bool> stop_ = false;
   std::thread thread_;
 };

@@ -26,8 +26,8 @@ void put_16(std::uint8_t* bytes, std::uint16_t number) {
   bytes[1] = static_cast<std::uint8_t>(number);
 }
 
-// The channel that begins at `bytes`, without its zero byte; false where it has none, or is longer
-// than LCM allows.
+// The channel that begins at `bytes`, without its zero byte; false if there is none, or if it is
+// longer than LCM allows.
 bool parse_channel(const std::uint8_t* bytes, std::size_t size, std::string_view& channel) {
   const void* end = std::memchr(bytes, 0, std::min(size, kMaxChannelLength + 1));
   if (!end) return false;

@@ -4,10 +4,10 @@
 //   LC03   "LC03", sequence number, payload size, offset in the payload, number of the fragment,
 //          number of fragments; in the first fragment channel and zero byte; part of the payload
 //
-// All numbers are big-endian, 4 bytes, the last two 2 bytes. What a datagram announces is not
-// believed: memory grows with the bytes that arrived, up to kMaxReassemblyBytes for all incomplete
-// messages of all senders together. A further message, or one that is not complete after
-// kReassemblyPatience_ns, takes the place of the oldest. Source: lcm/udpm_util.h, LCM 1.3.1.
+// All numbers are big-endian, 4 bytes, the last two 2 bytes. Announced sizes are not trusted:
+// memory grows with the received bytes, up to kMaxReassemblyBytes for all incomplete messages of
+// all senders together. A further message, or one that is incomplete after kReassemblyPatience_ns,
+// replaces the oldest. Source: lcm/udpm_util.h, LCM 1.3.1.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -55,7 +55,7 @@ sockaddr_in address_of(int socket) {
   return own;
 }
 
-// That datagrams to `to` have. Throws MachineError where there is no route.
+// Source address of datagrams to `to`. Throws MachineError if there is no route.
 sockaddr_in address_towards(const sockaddr_in& to) {
   const FileDescriptor probe(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   if (connect(probe.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
@@ -73,8 +73,8 @@ FileDescriptor::~FileDescriptor() {
   if (fd_ >= 0) close(fd_);
 }
 
-// The socket is not connected: Linux would then send to the interface that has the socket's address,
-// and not where the route to the group leads.
+// The socket is not connected: Linux would then send to the interface with the socket's address
+// instead of the one of the route to the group.
 LcmSender::LcmSender(const UdpmAddress& address)
     : socket_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)), to_(to_sockaddr(address)) {
   if (socket_.get() < 0) fail("socket");

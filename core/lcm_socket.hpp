@@ -1,8 +1,8 @@
 // LCM's UDP multicast (udpm), without liblcm's reader thread, pipe and queue.
 //
-// The datagrams are LCM's (core/lcm_datagram): stock tools hear what LcmSender sends, LcmReceiver
-// hears what they send. A receiver reads several datagrams with one system call into buffers of a
-// fixed size. Malformed datagrams are counted and go no further.
+// The datagrams are LCM's (core/lcm_datagram): stock tools receive the messages of LcmSender, and
+// LcmReceiver receives theirs. A receiver reads several datagrams with one system call into buffers
+// of a fixed size. Malformed datagrams are counted and dropped.
 #pragma once
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -40,13 +40,13 @@ class FileDescriptor {
 
 class LcmSender {
  public:
-  // Throws MachineError where there is no route to the group.
+  // Throws MachineError if there is no route to the group.
   explicit LcmSender(const UdpmAddress& address);
   // As in LcmMessage::sender of the receivers.
   std::uint64_t name() const { return name_; }
   // A datagram that the kernel refuses is a lost one.
   void send(const std::string& channel, const std::uint8_t* bytes, std::size_t size);
-  // Small messages with one system call, where there are not more than kMostTogether.
+  // Sends small messages with one system call, if there are at most kMostTogether.
   static constexpr std::size_t kMostTogether = 32;
   struct Small {
     const std::string* channel;
@@ -84,11 +84,11 @@ class LcmReceiver {
   bool has_read() const { return next_ < count_; }
   // The last read filled its batch: more may be there.
   bool was_full() const { return batch_ > 1 && count_ == batch_; }
-  // Reads what is there; false where nothing is.
+  // Reads the waiting datagrams; false if there are none.
   bool read_now();
   // Waits for one datagram; `timeout_ms` is rounded to the kernel's clock tick.
   bool read_waiting(double timeout_ms);
-  // The next whole message that was read; false where none is left. Valid until the next read.
+  // The next whole message that was read; false if none is left. Valid until the next read.
   bool next(LcmMessage& message);
   std::int64_t malformed() const { return malformed_; }
 
@@ -113,7 +113,7 @@ class LcmReceiver {
   std::int64_t malformed_ = 0;
 };
 
-// A message of LCM_SELF_TEST through a socket pair of its own; false where it is not heard.
+// Sends LCM_SELF_TEST through a socket pair of its own; false if it does not arrive.
 bool multicast_is_heard(const UdpmAddress& address);
 
 }  // namespace twinrate

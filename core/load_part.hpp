@@ -11,7 +11,7 @@
 
 namespace twinrate {
 
-// The address of `twinrate_part`. Throws MachineError: the part, or a library of it, is not there.
+// The address of `twinrate_part`. Throws MachineError if the part, or a library of it, is missing.
 void* load_part(const std::string& name);
 
 }  // namespace twinrate

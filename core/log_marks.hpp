@@ -1,10 +1,10 @@
-// Marks of a log's writer: events on a channel that is none of the drive's, which no process hears.
+// Marks of a log's writer: events on a channel that is not of the drive and that no process reads.
 //
-//   after the manifest of a part    "begins", or "goes on" where a logger was started again
+//   after the manifest of a part    "begins", or "goes on" if a logger was started again
 //   at the end of a part            "continues" in the next part, or "ends"
 //
-// A log that was cut, or whose writer was killed or ran out of disk, begins and does not end
-// (core/event_log.hpp). One without marks is of an earlier program or of another logger.
+// A log that was truncated, or whose writer was killed or had a full disk, begins and does not end
+// (core/event_log.hpp). A log without marks comes from an earlier program or from another logger.
 #pragma once
 #include <string_view>
 

@@ -1,4 +1,4 @@
-// [logger] of a drive file: what a run does without its logger.
+// [logger] of a drive file: the reaction of a run to the loss of its logger.
 #pragma once
 #include "model/fields.hpp"
 

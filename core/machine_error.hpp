@@ -1,5 +1,5 @@
-// The machine cannot do it (no multicast route, no permission): the program prints what() and
-// leaves with exit code 3.
+// The machine cannot do the task (no multicast route, no permission): the program prints what() and
+// exits with code 3.
 #pragma once
 #include <stdexcept>
 

@@ -8,7 +8,7 @@
 namespace twinrate {
 
 struct EventFacts {
-  Role role = Role::kSupervisor;  // who says it
+  Role role = Role::kSupervisor;  // its sender
   Reason reason = Reason::kNone;
   std::int64_t k = -1, t_ns = 0;
   std::string text;

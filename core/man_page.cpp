@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// Text in troff: no line of it is a request, a hyphen of an option is a minus.
+// Text in troff: no line begins with a request, a hyphen of an option is a minus.
 std::string troff(const std::string& text) {
   std::string out;
   for (const char c : text) {

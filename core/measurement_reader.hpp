@@ -21,11 +21,11 @@ class MeasurementReader {
   // False at the end. Throws BadInput at damage (core/event_log.hpp), and at the end of a log that
   // holds no message of this project. With kSkip, a measurement of an earlier tick is left out.
   bool next(Measurement& m);
-  // The one that comes next; null at the end.
+  // The next measurement; null at the end.
   const Measurement* peek();
-  // Of the manifest, empty where the log holds none. Known from the first measurement on.
+  // From the manifest, empty if the log has none. Known from the first measurement on.
   const std::string& config_toml() const { return config_toml_; }
-  // True where the log was imported: its drive file's load was not applied.
+  // True if the log was imported: the load of its drive file was not applied.
   bool imported() const { return imported_; }
   double share_read() const { return log_.share_read(); }
   std::string damage() const { return log_.damage(); }

@@ -1,5 +1,5 @@
-// Every message as named fields, in the order of lcmtypes/: for what writes messages as numbers and
-// texts (export) and what makes messages of them again (import).
+// Every message as named fields, in the order of lcmtypes/: for writing messages as numbers and
+// texts (export), and for making messages from them (import).
 //
 // The header (seq, t_ns, session) and the tag are not among the fields. A visitor is called with
 //

@@ -1,11 +1,12 @@
-// Tags: what a process of a launched set sends carries proof that its sender has the run's token.
+// Tags: a message from a process of a launched set proves that its sender has the run's token.
 //
 //   tag = SipHash-2-4(key = token, channel, zero byte, encoded message without its last 8 bytes)
 //
-// The tag is the last field of every message. LCM itself has no authentication: whoever reaches the
-// multicast group can send. The token is a file of the run directory that only its owner can read; it
-// is never on a command line. A tag shows that a message was made by somebody who has the token, not
-// that it is new: sequence numbers and sessions are checked besides. Nothing is encrypted.
+// The tag is the last field of every message. LCM itself has no authentication: everyone who
+// reaches the multicast group can send. The token is a file of the run directory that only its
+// owner can read; it is never on a command line. A tag shows that a sender with the token made the
+// message, not that the message is new: sequence numbers and sessions are checked as well. Nothing
+// is encrypted.
 // Source: Aumasson and Bernstein 2012, SipHash; libsodium crypto_shorthash.
 #pragma once
 #include <array>

@@ -27,7 +27,7 @@ std::string no_whole_number(const std::string& text) {
                                              : "a whole number below 2^63 allowed, found " + text;
 }
 
-// Where text is no number, expect_stated_values() says so.
+// A text that is no number is reported by expect_stated_values().
 CLI::Validator from_zero(bool with_zero, const char* name) {
   const auto refuse = [with_zero](const std::string& text) -> std::string {
     double number = 0;

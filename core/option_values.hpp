@@ -1,4 +1,4 @@
-// What the value of an option may be, for every program alike.
+// Allowed values of options, the same for every program.
 #pragma once
 
 namespace CLI {
@@ -8,9 +8,9 @@ class Validator;
 
 namespace twinrate {
 
-// To be called when all options and verbs are there. Refuses an empty value (but for
-// --channel-suffix, of which none is a suffix too), a number that is not finite, and a whole number
-// that is none or needs more than 64 bits.
+// To be called after all options and verbs were added. Refuses an empty value (except of
+// --channel-suffix, where it means no suffix), a number that is not finite, and an integer option
+// with a fraction or more than 64 bits.
 void expect_stated_values(CLI::App& app);
 
 // For Option::check(). Those of CLI11 name the largest double, in 309 digits, as the end of the range.

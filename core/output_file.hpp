@@ -1,5 +1,5 @@
-// Output files. No program overwrites a file that it did not make in the same run, except one that
-// the user names with --force.
+// Output files. No program overwrites a file that it did not make in the same run, except a file
+// that the user names with --force.
 #pragma once
 #include <string>
 
@@ -39,8 +39,8 @@ class PartFile {
   bool replaces_, done_ = false;
 };
 
-// With --force: writes `text` in the place of the file, which stays as it is until the new one is
-// complete. Throws as PartFile.
+// With --force: replaces the file by `text`. The old file remains until the new one is complete.
+// Throws as PartFile.
 void replace_file(const std::string& path, const std::string& text);
 
 }  // namespace twinrate

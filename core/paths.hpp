@@ -1,5 +1,5 @@
-// Where the program finds its own files: beside itself when installed, in the source tree
-// otherwise. In the Python module "itself" is the module, whose programs are in bin/ above it.
+// The program's own files: beside itself when installed, in the source tree otherwise. In the
+// Python module "itself" is the module, whose programs are in bin/ above it.
 #pragma once
 #include <string>
 

@@ -9,7 +9,7 @@ struct Stopped {};
 
 class PercentLine {
  public:
-  enum class Form { kNone, kTerminal, kJson };  // kTerminal: stderr, silent where it is none
+  enum class Form { kNone, kTerminal, kJson };  // kTerminal: stderr, silent without a terminal
   explicit PercentLine(Form form);
   ~PercentLine() { clear(); }
   PercentLine(const PercentLine&) = delete;

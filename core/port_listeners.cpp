@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-// Adds those on ports that end a line's address so; false where there is no such list.
+// Adds the sockets on ports with this ending of an address; false if there is no such list.
 bool add_sockets_on(const std::string& ending, const char* list,
                     std::vector<std::uint64_t>& inodes) {
   constexpr int kBetween = 7;  // words between the local address and the inode
@@ -30,8 +30,8 @@ bool add_sockets_on(const std::string& ending, const char* list,
   return true;
 }
 
-// A process closes its own sockets when it becomes another program, so what is not marked so was
-// inherited: it is somebody else's.
+// A process closes its own sockets when it executes another program. So an unmarked socket was
+// inherited and belongs to another process.
 bool is_own(pid_t pid, const std::string& descriptor) {
   std::ifstream in(fmt::format("/proc/{}/fdinfo/{}", pid, descriptor));
   for (std::string word; in >> word;)

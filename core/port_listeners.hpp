@@ -1,7 +1,7 @@
-// Whether somebody listens on a UDP port of this machine, apart from processes that do not count.
+// Checks for listeners on a UDP port of this machine, except processes that do not count.
 //
-// A copy for nobody costs as much as one that is heard. Where this process may not look, somebody
-// listens.
+// A copy without a listener costs as much as one with a listener. If this process has no permission
+// to look, a listener is assumed.
 #pragma once
 #include <sys/types.h>
 

@@ -30,7 +30,7 @@ constexpr double kOrphanAfter_s = 1;
 constexpr std::int64_t kMaxJump = 50;   // ticks; over more the filter does not predict
 constexpr double kLoggerLater_s = 0.3;  // the last events of the others are in the log
 
-// Of a plant that has ended the run: nobody waits for it.
+// For a plant that has ended the run: nobody waits for it.
 constexpr auto kForGood = std::chrono::steady_clock::time_point::max();
 
 BusOptions bus_options(const ProcessInfo& info, const ProcessOptions& o, const BusParameters& p,
@@ -134,7 +134,7 @@ void Process::set_up_realtime() {
   take_fifo(fifo_priority(wanted, info_.role));
 }
 
-// A process that is started again has another socket.
+// A restarted process has another socket.
 void Process::expect_restarted(const event_t& event) {
   const auto reason = static_cast<Reason>(event.reason);
   const bool restarts = reason == Reason::kProcessLost || reason == Reason::kLogLost;
@@ -142,15 +142,15 @@ void Process::expect_restarted(const event_t& event) {
     bus_->forget_sender(static_cast<Role>(event.waited_for));
 }
 
-// A supervisor counts its heartbeats: one that was recorded keeps no drive alive.
+// A supervisor counts its heartbeats: a recorded heartbeat keeps no drive alive.
 void Process::hear_supervisor(const status_t& beat) {
   if (beat.steps <= supervisor_beats_ && bus_->checks_tags()) return bus_->refuse();
   supervisor_beats_ = beat.steps;
   supervisor_heard_ = Clock::now();
 }
 
-// A role has one instance in a session. The one that has done less leaves, and only at its start: later
-// no message ends it.
+// A role has one instance in a session. Of two instances the one with less progress ends, and only
+// at its start; later no message ends it.
 void Process::leave_to(const status_t& twin) {
   constexpr double kStart_s = 0.5;
   const bool starts = status_.steps == 0 || seconds_since(ready_) < kStart_s;
@@ -197,7 +197,7 @@ void Process::log_refused() {
 }
 
 // The five processes of a session must have been started with one config. Each hears the others
-// before its first tick; what another config hash says later is not believed.
+// before its first tick; later messages with another config hash are ignored.
 void Process::compare_config(const status_t& other) {
   const bool of_the_set =
       other.role >= static_cast<int>(Role::kPlant) && other.role <= static_cast<int>(Role::kLogger);
@@ -243,7 +243,7 @@ void Process::check_patience() {
   if (waited <= (status_.steps > 0 ? patience : std::max(patience, kStartPatience_s))) return;
   const auto plant = heard_.find(static_cast<int>(Role::kPlant));
   if (plant != heard_.end() && plant->second == kForGood) {  // the run is whole
-    if (options_.token_file.empty()) finish();               // nobody ends a set started by hand
+    if (options_.token_file.empty()) finish();  // only the supervisor of a launched set ends it
     return;
   }
   const Waiting waiting = waiting_for_ ? waiting_for_() : Waiting{"a message"};
@@ -277,7 +277,7 @@ bool Process::turn(double timeout_ms) {
   if (arbiter_) arbiter_->turn();
   take_built();
   if (Clock::now() - last_beat_ >= kBeatPeriod) {
-    // A process that was stopped itself has heard nobody.
+    // A process that was stopped itself has received nothing meanwhile.
     if (supervisor_heard_ && seconds_since(last_beat_) > kOrphanAfter_s / 2)
       supervisor_heard_ = Clock::now();
     beat();

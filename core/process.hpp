@@ -1,5 +1,5 @@
-// What every process of the set shares: command line, config, bus, heartbeat, stop signals, waiting
-// with a limit.
+// The common parts of every process of the set: command line, config, bus, heartbeat, stop signals,
+// waiting with a limit.
 //
 //   int main(int argc, char** argv) {
 //     return twinrate::run_process(
@@ -8,7 +8,7 @@
 //   }
 //
 // Exit codes: 0 done or stopped on request, 1 the run ended badly, 2 bad input, 3 the machine
-// cannot do it.
+// cannot do the task.
 #pragma once
 #include <chrono>
 #include <deque>
@@ -39,7 +39,7 @@ struct ProcessOptions {
   bool wall = false;  // plant: lock-step, but not ahead of the wall clock
   bool follow = false;
   bool wait_for_start = false;  // plant: hold until DRIVE_REQUEST start
-  bool resume = false;          // logger: the log of an earlier one goes on in its next part
+  bool resume = false;          // logger: continues the log of an earlier one in its next part
   int cpu = -1;                 // pin to this CPU
   int helper_cpu = -1;          // lock-step: for messages that nobody waits for
 };
@@ -47,7 +47,7 @@ struct ProcessOptions {
 // Messages of a channel that every process keeps for sending again, beyond bus.window_ticks.
 inline constexpr int kKeptBeyondWindow = 1024;
 
-// What a refusal calls the text of a request for more effects.
+// Name of the text of a request for effects in a refusal.
 inline constexpr const char* kEffectsSource = "DRIVE_REQUEST";
 
 struct ProcessInfo {
@@ -57,9 +57,9 @@ struct ProcessInfo {
   double drain_every_ms = 0;  // above 0: nobody waits for it (BusOptions)
 };
 
-// How long a process waits beyond bus.peer_timeout_s, by what it waits for, the least patient
-// first. When one process of a ring is silent, all the others wait, each for its neighbour. The one
-// next to the silent process gives up first, so that the right one is named, whichever it is.
+// Time that a process waits beyond bus.peer_timeout_s, by the awaited message, the shortest first.
+// If one process of a ring is silent, all others wait, each for its neighbour. The neighbour of the
+// silent process gives up first, so that the silent one is named, whichever it is.
 enum class Patience : int {
   kForGain,
   kForEstimate,  // TRUTH and REFERENCE likewise
@@ -69,7 +69,7 @@ enum class Patience : int {
   kForWholeTicks,
 };
 
-// What a process waits for, and from whom; nobody where the sender is not a process of the set.
+// The awaited message and its sender; no sender if it is not a process of the set.
 struct Waiting {
   std::string message;
   Patience patience = Patience::kForGain;
@@ -93,24 +93,23 @@ class Process {
   // genuine. A log player may leave ticks out; its peers follow.
   bool in_turn() const { return lockstep() && bus_->bound() && !options_.follow; }
 
-  // Everything is subscribed: say so on the bus.
+  // Reports on the bus that all subscriptions are made.
   void ready();
-  // One turn of the loop: handles what arrives, beats the heart. False once the process must stop.
-  // A bound process that makes no progress() for bus.peer_timeout_s says what it waits for and
-  // stops.
+  // One turn of the loop: handles the received messages and sends the heartbeat. False once the
+  // process must stop. A bound process without progress() for bus.peer_timeout_s reports the
+  // awaited message and stops.
   bool turn(double timeout_ms);
   // turn() until the end, calling `on_quiet` whenever nothing arrived for repeat_after_ms.
   void run(const std::function<void()>& on_quiet = {});
   void progress(std::int64_t k);
-  // Names what the process is waiting for, for the message of a time-out.
+  // The awaited message, for the text of a time-out.
   void waiting_for(std::function<Waiting()> waiting) { waiting_for_ = std::move(waiting); }
 
-  // What an emergency stop does in this process (the plant: zero voltage).
+  // Action of an emergency stop in this process (the plant: zero voltage).
   void on_emergency_stop(std::function<void()> action) { emergency_stop_ = std::move(action); }
 
-  // A reset: from tick `k` on the plant leaves SAFE, estimator and controller begin anew. Returns ""
-  // where it will, else why not.
-  // k = kNoTick only asks whether it would.
+  // A reset: from tick `k` on the plant leaves SAFE, estimator and controller restart. Returns ""
+  // or the reason why it is impossible. With k = kNoTick it only checks.
   static constexpr std::int64_t kNoTick = INT64_MAX;
   using Reset = std::function<std::string(std::int64_t k)>;
   void on_reset(Reset action) { reset_ = std::move(action); }
@@ -121,34 +120,34 @@ class Process {
   // The plant: time in which the machine did not run it is no silence of the supervisor.
   void clock_stood(std::int64_t ns);
 
-  // What happens to a request for more or fewer effects in the model: `extended` is this drive with
-  // all that were added and not removed. It builds what the process needs of it and returns what
-  // puts that to use from tick `k` on. In realtime it is built on a thread of its own, and only the
-  // second is called between two ticks. May throw BadInput, which refuses the request. A process
-  // that has no model leaves it out.
+  // Handles a request for more or fewer effects in the model: `extended` is this drive with all
+  // effects that were added and not removed. The function builds the parts that the process needs
+  // and returns a function that uses them from tick `k` on. In realtime the first runs on a thread
+  // of its own, and only the second between two ticks. May throw BadInput, which refuses the
+  // request. A process without a model does not call this.
   using UseModel = std::function<void(std::int64_t k)>;
   using NewModel = std::function<UseModel(Config& extended)>;
   void on_new_model(NewModel build);
 
-  // What steering changes in this process. `check` may throw BadInput, which refuses the request;
-  // `k`: the first tick it can apply to; in realtime on a thread of its own. `follow` takes the
-  // drive with the new steps over.
+  // Steering in this process. `check` may throw BadInput, which refuses the request; `k`: the first
+  // possible tick; in realtime on a thread of its own. `follow` takes over the drive with the new
+  // steps.
   struct Follower {
     std::function<void(const SteeredDrive& wanted, std::int64_t k)> check;
     std::function<void(const SteeredDrive& now)> follow;
   };
   void on_steering(Follower follower) { follower_ = std::move(follower); }
-  // Called with what was applied and its tick, also of effects.
+  // Called with the applied lines and their tick, also for effects.
   void on_applied(std::function<void(const std::string& lines, std::int64_t k)> action) {
     applied_action_ = std::move(action);
   }
   // The plant: decides on the tick of every request. `next_tick`: the first one that it has not
-  // begun; `released`: it may go on.
+  // begun; `released`: it may continue.
   void arbitrate(std::function<std::int64_t()> next_tick, std::function<void()> released);
-  // True where tick k must not begin yet.
+  // True while tick k must not begin.
   bool holds(std::int64_t k) const { return arbiter_ && arbiter_->holds(k); }
 
-  // The monitor: has what it proposed added; false where it proposed nothing.
+  // The monitor: requests the addition of its proposal; false without a proposal.
   void on_add_proposed(std::function<bool(const std::string& text)> action) {
     add_proposed_ = std::move(action);
   }
@@ -169,7 +168,7 @@ class Process {
 
  private:
   using Clock = std::chrono::steady_clock;
-  // False where this process sends no reply: another process answers, or the reply comes later.
+  // False if this process sends no reply: another process answers, or the reply comes later.
   bool answer(const request_t& request, reply_t& reply);
   bool start();
   bool emergency_stop(reply_t& reply);
@@ -179,7 +178,7 @@ class Process {
   bool is_recorded(const request_t& request);
   bool is_of_the_plant() const;  // the request that is being handled
   Arbiter::Asker asker() const;
-  // Fills in what became of it; a request that comes again gets the same answer.
+  // Fills in the result of the request; a repeated request gets the same answer.
   void change_model(const request_t& request, reply_t& reply);
   void reset(const request_t& request, reply_t& reply);
   // The tick that a request names, or the next one.
@@ -188,7 +187,7 @@ class Process {
   std::size_t declared_effects() const;
   bool must_be_arbitrated() const;
   std::set<int> members() const;
-  // A request of which this process knows what it will do.
+  // A request that this process has checked.
   struct Prepared {
     request_t request;  // kind and text as the asker sent them
     std::optional<Config> changed = {};
@@ -203,7 +202,7 @@ class Process {
   void apply_prepared(std::int64_t k);
   reply_t answer_of(const Prepared& prepared) const;
   reply_t reply_to(const request_t& request) const;
-  // False where the request was not prepared here.
+  // False if the request was not prepared here.
   bool answer_arbiter(const request_t& request, reply_t& reply);
   void compare_config(const status_t& other);
   void beat();
@@ -233,7 +232,7 @@ class Process {
   std::int64_t untagged_ = 0, recorded_ = 0, foreign_ = 0, not_holder_ = 0;
   Clock::time_point refused_named_{};
   std::set<SocketName> seconds_;  // second senders that were named
-  // By kind and number: the sender's time of the last one that was heard; the oldest first.
+  // By kind and number: the sender's time of the last received one; the oldest first.
   using RequestName = std::pair<std::int32_t, std::int64_t>;
   std::map<RequestName, std::int64_t> requests_heard_;
   std::deque<RequestName> requests_in_order_;

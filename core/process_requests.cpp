@@ -1,4 +1,4 @@
-// What a process does with a request: answers it, or leaves it to the plant, which arbitrates.
+// Requests in a process: answered by it, or left to the plant, which arbitrates.
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -223,7 +223,7 @@ void Process::arbitrate(std::function<std::int64_t()> next_tick, std::function<v
   bus_->subscribe<reply_t>([this](const reply_t& reply) { arbiter_->take(reply); });
 }
 
-// What the drive file plans happens first; extended_ is what it plans last.
+// The planned changes of the drive file come first; extended_ is the last of them.
 void Process::on_new_model(NewModel build) {
   new_model_ = std::move(build);
   for (const std::int64_t k : drive().model_changes()) {
@@ -273,8 +273,8 @@ Process::Prepared Process::prepared_or_refused(const request_t& request, std::in
   }
 }
 
-// In realtime no tick waits for an effect that is read, a filter or a table that is built. The
-// builder reads what a request changes: while it is busy nothing is applied.
+// In realtime no tick waits for reading an effect, or for building a filter or a table. The builder
+// reads the state that a request changes, so nothing is applied while it is busy.
 const Process::Prepared* Process::prepare(const request_t& request) {
   if (!builder_ || request.kind == static_cast<std::int32_t>(RequestKind::kReset)) {
     prepared_ = prepared_or_refused(request, status_.seq);

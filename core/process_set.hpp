@@ -17,19 +17,19 @@ struct Child {
   std::string program;
   pid_t pid = -1;
   bool ended = false;
-  int exit_code = -1;  // 128 + signal where a signal ended it
+  int exit_code = -1;  // 128 + signal if a signal ended it
   std::vector<std::string> arguments = {};
 };
 
 class ProcessSet {
  public:
-  ~ProcessSet();  // kills what is left
+  ~ProcessSet();  // kills the remaining processes
   ProcessSet() = default;
   ProcessSet(const ProcessSet&) = delete;
   ProcessSet& operator=(const ProcessSet&) = delete;
 
-  // Programs are looked for beside this one; one with a slash in its name is that file. Throws
-  // MachineError where one cannot be started.
+  // Searches a program beside this one; a name with a slash is the path of a file. Throws
+  // MachineError if it cannot be started.
   void start(Role role, const std::string& program, const std::vector<std::string>& arguments);
   // Starts a child that has ended again, with these arguments besides its own. Throws as start().
   void restart(Role role, const std::vector<std::string>& more);

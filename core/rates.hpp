@@ -53,7 +53,7 @@ inline std::int64_t snapshots_up_to(std::int64_t k, BackgroundRate rate) {
 inline bool turns_gain(GainPolicy policy) {
   return policy == GainPolicy::kRotate || policy == GainPolicy::kRotorFrame;
 }
-// The fast loop makes its gain of each tick from the one that was sent.
+// True if the fast loop computes its gain of each tick from the sent one.
 inline bool is_made_for_use(GainPolicy policy) {
   return turns_gain(policy) || policy == GainPolicy::kPropagated;
 }
@@ -68,7 +68,7 @@ inline std::int64_t first_use_of(GainPolicy policy, std::int64_t snapshot, Backg
       policy == GainPolicy::kImmediate || (policy == GainPolicy::kPropagated && snapshot == 0);
   return at_once ? snapshot + 1 : snapshot + rate.n_at(snapshot);
 }
-// The first multiple of n that is not before tick k.
+// The first multiple of n at or after tick k.
 inline std::int64_t next_multiple(std::int64_t k, int n) {
   return (k + n - 1) / n * n;
 }

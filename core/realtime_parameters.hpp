@@ -1,4 +1,4 @@
-// [realtime] of a drive file: what `launch --pace realtime` asks of the machine.
+// [realtime] of a drive file: the requirements of `launch --pace realtime` on the machine.
 #pragma once
 #include "model/fields.hpp"
 

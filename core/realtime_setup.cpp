@@ -29,7 +29,7 @@ void touch_stack() {
 
 void touch_heap() {
   mallopt(M_MMAP_MAX, 0);                                  // from the heap alone,
-  mallopt(M_TRIM_THRESHOLD, static_cast<int>(2 * kHeap));  // which keeps what is freed
+  mallopt(M_TRIM_THRESHOLD, static_cast<int>(2 * kHeap));  // which keeps freed memory
   void* heap = std::malloc(kHeap);
   if (heap) touch(static_cast<char*>(heap), kHeap);
   std::free(heap);

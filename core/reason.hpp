@@ -186,7 +186,7 @@ inline constexpr std::array kReasons = {
                "the drive keeps its last command if the host ends: not safe"},
 };
 
-// Events after which nobody controls the motor: the drive has zero voltage, or its run ended.
+// Events after which the motor is not controlled: the drive has zero voltage, or its run ended.
 constexpr bool is_trip(Reason reason) {
   switch (reason) {
     case Reason::kStartupGaveUp:
@@ -217,8 +217,8 @@ constexpr bool is_trip(Reason reason) {
   }
 }
 
-// Trips that end a process of the set or come from its user: of a drive that nobody here commands
-// they say nothing.
+// Trips that end a process of the set or come from its user. They do not apply to a drive that this
+// host does not command.
 constexpr bool is_of_own_set(Reason reason) {
   switch (reason) {
     case Reason::kPeerTimeout:
@@ -233,7 +233,7 @@ constexpr bool is_of_own_set(Reason reason) {
   }
 }
 
-// The name of a code in kReasons; nullptr for a code that is not there.
+// The name of a code in kReasons; nullptr for an unknown code.
 constexpr const char* reason_name(int code) {
   for (const ReasonText& text : kReasons)
     if (static_cast<int>(text.reason) == code) return text.name;

@@ -15,7 +15,7 @@ class Recent {
     empty_ = false;
   }
   bool empty() const { return empty_; }
-  // Null where the signal of tick k has not arrived or is no longer kept.
+  // Null if the signal of tick k has not arrived or is no longer kept.
   const Signal* at(std::int64_t k) const {
     if (k < 0) return nullptr;
     const Signal& signal = ring_[static_cast<std::size_t>(k) % kSize];

@@ -38,7 +38,7 @@ int report(std::string_view program, std::string_view what, int exit_code) {
   return exit_code;
 }
 
-// What is no property of the name: the same name can do another time.
+// Errors that do not depend on the name: the same name may succeed another time.
 bool is_of_the_machine(const std::error_code& code) {
   return code == std::errc::no_space_on_device || code == std::errc::io_error ||
          code == std::errc::too_many_files_open || code == std::errc::not_enough_memory;

@@ -9,16 +9,16 @@ namespace twinrate {
 // longer than 8192 bytes (two paths of the longest kind) the middle is left out.
 std::string printable(std::string_view text);
 
-// Throws BadInput at an argument that is no UTF-8: JSON, TOML and messages have no place for it.
+// Throws BadInput for an argument that is not UTF-8: JSON, TOML and messages cannot hold it.
 void expect_utf8(int argc, const char* const* argv);
 
-// In a catch block: prints "PROGRAM: what()" on stderr. Returns 2 for bad input, 3 where the machine
-// cannot do it, else 1. A path that the file system refuses (too long, a circle of links, no
+// In a catch block: prints "PROGRAM: what()" on stderr. Returns 2 for bad input, 3 if the machine
+// cannot do the task, else 1. A path that the file system refuses (too long, a circle of links, no
 // permission) is bad input; a full disk is not.
 int report_error(std::string_view program);
 
-// At the end of a program whose output somebody reads: the exit code, or 1 with one line on stderr where
-// the output could not be written (disk full). A closed output is no error.
+// At the end of a program with output: returns the exit code, or 1 with one line on stderr if the
+// output could not be written (disk full). A closed output is no error.
 int finish_output(std::string_view program, int exit_code);
 
 }  // namespace twinrate

@@ -25,7 +25,7 @@ constexpr const char* kRecord = ".twinrate.json";
 
 struct KindInfo {
   const char* name;       // in the record
-  const char* identity;   // the file that says which result it is
+  const char* identity;   // the file that identifies the result
   const char* own_names;  // every file that a result of this kind can consist of: a POSIX pattern
   std::vector<const char*> needed;  // files of every finished result
 };
@@ -106,7 +106,7 @@ void write_record(const std::string& directory, Json record) {
   part.finish();
 }
 
-// Files of the recorded result of this kind, of those that are there.
+// Existing files of the recorded result of this kind.
 std::vector<std::string> recorded_files(const Json& record, ResultKind kind,
                                         const std::vector<std::string>& there) {
   const auto entry = record.find(info_of(kind).name);

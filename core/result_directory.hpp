@@ -1,4 +1,4 @@
-// The directory of a result, and what a verb may delete in it.
+// The directory of a result, and the files that a verb may delete in it.
 //
 // A directory with results holds a record, `.twinrate.json`: the kind of each result and the files
 // that were made for it. A verb writes only to names that are free. If a name is taken, the verb
@@ -12,8 +12,8 @@
 //   directory.finish();                                           records the files
 //
 // A result that was begun and not finished (a killed run) is replaced in the same way: the names
-// were free when it began, so its files are those of the own names. A launched run that is still on
-// is refused, whatever is given: its drive would run on without a log.
+// were free when it began, so the files with its names belong to it. A launched run that is still
+// active is always refused: its drive would continue without a log.
 #pragma once
 #include <string>
 #include <vector>
@@ -37,8 +37,8 @@ class ResultDirectory {
   // Removes the files of the earlier result, unless it is resumed. From here on the own names
   // belong to this result.
   void begin();
-  // Records the files made. Where one that every finished result has is missing, or the record
-  // cannot be written (disk full), the result stays marked as begun.
+  // Records the files made. If a file of every finished result is missing, or the record cannot be
+  // written (disk full), the result stays marked as begun.
   void finish();
 
  private:

@@ -21,7 +21,7 @@ void take(const lcm::LogEvent& event, std::vector<Item>& messages) {
     messages.push_back(from_wire(wire));
 }
 
-// Before schema 4 no filter waited for its agreement: a replay computes what the log holds.
+// Before schema 4 no filter waited for its agreement: a replay computes as the log did.
 std::string config_of(const manifest_t& manifest) {
   constexpr int kWithNFrom = 4;
   std::string text = manifest.config_toml;
@@ -129,14 +129,14 @@ class SupervisorTime {
   std::int64_t k_ = -1, t_ns_ = 0;
 };
 
-// A flood of events must not hide the trip behind it.
+// Limits the events, but never hides a trip behind them.
 void bound(std::vector<EventRecord>& events, std::size_t most) {
   if (events.size() <= most) return;
   const bool trip = is_trip(static_cast<Reason>(events.back().reason));
   if (!trip || events.size() / 2 >= most) events.pop_back();
 }
 
-// Reads the log; what of the messages of ticks it keeps is up to `take_tick`.
+// Reads the log; `take_tick` decides which messages of ticks are kept.
 template <class TakeTick>
 RunLog read_with(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
                  std::size_t most_events, TakeTick take_tick) {

@@ -50,7 +50,7 @@ class GainRecord {
 struct RunLog {
   std::string path, channel_suffix;
   std::int64_t session = 0;
-  std::string revision, config_toml, manifest_json;  // empty where the log holds no manifest
+  std::string revision, config_toml, manifest_json;  // empty if the log has no manifest
   std::vector<Measurement> measurement;
   std::vector<Truth> truth;
   std::vector<Estimate> estimate;
@@ -60,15 +60,15 @@ struct RunLog {
   std::vector<EventRecord> events;
   std::array<std::int64_t, kChannelCount> counts{};  // messages of each channel
   bool counted = false;  // manifest.json beside the log has the counts of the whole log
-  std::string damage;    // what was skipped; empty if the log is whole
+  std::string damage;    // the skipped damage; empty if the log is whole
 
   void set(const manifest_t& manifest);
 };
 
 EventRecord from_wire(const event_t& w);
 
-// The manifest in an event of the log `path`; empty where it is none. Throws BadInput where the log
-// was written with another version of the message types.
+// The manifest in an event of the log `path`; empty if it is none. Throws BadInput if the log was
+// written with another version of the message types.
 std::optional<manifest_t> decode_manifest(const void* bytes, int count, const std::string& path);
 
 // `path`: a run directory or a log file. `channel_suffix`: of a drive that was given one; empty:

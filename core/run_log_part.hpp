@@ -6,9 +6,9 @@
 
 namespace twinrate {
 
-// All but the messages of ticks, as read_run_log() has them; `take` gets those in the order of the
-// log. The first kEventsKept events are kept, and as many trips behind them. Throws as
-// read_run_log().
+// Reads everything that read_run_log() reads except the messages of ticks, which go to `take` in
+// the order of the log. The first kEventsKept events are kept, and as many trips after them. Throws
+// as read_run_log().
 inline constexpr std::size_t kEventsKept = 20000;
 RunLog scan_run_log(const std::string& path, const std::string& channel_suffix, OnDamage on_damage,
                     const std::function<void(Channel, const lcm::LogEvent&)>& take);

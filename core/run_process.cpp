@@ -13,7 +13,7 @@
 namespace twinrate {
 namespace {
 
-// Empty where the program ends at once, with `exit_code`.
+// Empty if the program ends at once, with `exit_code`.
 std::optional<ProcessOptions> parse_options(const ProcessInfo& info, int argc, char** argv,
                                             int& exit_code) {
   CLI::App app{fmt::format("{}\n  {}", info.program, info.purpose)};

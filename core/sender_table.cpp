@@ -17,8 +17,8 @@ std::int32_t big_endian_32(const std::uint8_t* bytes) {
   return static_cast<std::int32_t>(value);
 }
 
-// Who speaks on a channel of a tick. A bridge has the role of a plant; a reference can come from a
-// process of its own.
+// The role that sends on a channel of a tick. A bridge has the role of a plant; a reference can
+// come from a process of its own.
 int owner_of(Channel channel) {
   switch (channel) {
     case Channel::kMeasurement:
@@ -61,7 +61,7 @@ std::size_t SenderTable::key_of(Channel channel, const std::uint8_t* bytes) {
   return kTickChannels + static_cast<std::size_t>(role);
 }
 
-// What a role says shows that the sender of its channels is there, too.
+// Any message of a role shows that the sender of its channels is present as well.
 void SenderTable::heard(std::size_t key) {
   known_[key].silent_since_ns = 0;
   if (key < kTickChannels) return;

@@ -1,13 +1,13 @@
-// Who speaks in a session: a role has one instance, known by the socket that it sends from.
+// The senders of a session: a role has one instance, identified by the socket from which it sends.
 //
-// The first sender heard on a channel of a tick is its sender; of DRIVE_STATUS, DRIVE_EVENT and
-// DRIVE_REPLY the first one of each role, of DRIVE_ACK and DRIVE_MANIFEST that of the logger. A
-// message from another socket is one of a second sender, though it has a valid tag. It takes the
-// first one's place where that one is silent for kSilent_ns while the second one speaks: a process
-// that was started again.
+// The first sender heard on a channel of a tick is its sender. DRIVE_STATUS, DRIVE_EVENT and
+// DRIVE_REPLY have the first sender of each role, DRIVE_ACK and DRIVE_MANIFEST that of the logger.
+// A message from another socket comes from a second sender, even with a valid tag. The second
+// sender replaces the first one if the first is silent for kSilent_ns while the second sends: the
+// process was restarted.
 //
-// DRIVE_REQUEST has no sender of its own: whoever has the token may ask. Who receives one can ask which
-// role its socket has.
+// DRIVE_REQUEST has no sender of its own: everyone with the token may send a request. A receiver
+// can look up the role of its socket.
 #pragma once
 #include <array>
 #include <cstdint>

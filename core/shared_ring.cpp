@@ -58,7 +58,7 @@ std::uint64_t big_endian(const std::uint8_t* bytes, int count) {
 
 struct EstimateHead {
   std::uint64_t seq = 0;
-  bool asks_for_gain = true;  // of a message that is too short to tell
+  bool asks_for_gain = true;  // of a message that is too short to decide
 };
 EstimateHead head_of_estimate(const std::uint8_t* bytes, std::size_t size) {
   if (size < kEstimateStatusAt + 4) return {};
@@ -99,7 +99,7 @@ SharedMemory::SharedMemory(bool hears_copies)
     : memory_(memfd_create("twinrate", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
   const std::array<std::uint64_t, 2> begin = {
       kMagic, hears_copies ? 0 : static_cast<std::uint64_t>(getpid())};
-  // Nobody can make it shorter: a reader would end with SIGBUS.
+  // Nobody can shorten it: a reader would end with SIGBUS.
   const bool made =
       memory_.get() >= 0 && fchmod(memory_.get(), S_IRUSR | S_IWUSR) == 0 &&
       ftruncate(memory_.get(), sizeof(SharedRings)) == 0 &&
@@ -160,7 +160,7 @@ void RingMember::put(Channel channel, const std::uint8_t* bytes, std::size_t siz
                                          info(channel).name, size, kMaxBytes));
   auto& ring = rings_->rings[own_];
   const std::uint64_t end = written_ + words_of(size);
-  reserved_ = std::max(reserved_, end);  // one that was killed may have announced more
+  reserved_ = std::max(reserved_, end);  // a killed member may have announced more
   ring.reserved.store(reserved_, std::memory_order_relaxed);
   std::atomic_thread_fence(std::memory_order_release);
   const auto write = [&](std::uint64_t word) {
@@ -207,8 +207,9 @@ void RingMember::thin_estimates(EstimateRate rate) {
   rings_->readers[own_].from = rate.from;
 }
 
-// The heads as they were at one moment: they only rise, so two equal readings enclose it. A cause is
-// published before its effect: what is below them has its cause below them. False where nothing is new.
+// The heads at one moment: they only rise, so two equal readings enclose it. A cause is published
+// before its effect, so a message below the heads has its cause below them. False without new
+// messages.
 bool RingMember::collect() {
   constexpr int kTries = 100;
   std::array<std::uint64_t, kMembers> before{}, now{};
@@ -232,14 +233,14 @@ bool RingMember::collect() {
   return any;
 }
 
-// Also of a position beyond what was written: the ring is damaged.
+// Also true for a position beyond the written part: the ring is damaged.
 bool RingMember::was_lapped(std::size_t ring) const {
   std::atomic_thread_fence(std::memory_order_acquire);
   const std::uint64_t reserved = rings_->rings[ring].reserved.load(std::memory_order_relaxed);
   return reserved - cursors_[ring].position > kWords;
 }
 
-// Copies the message at the cursor if it is wanted. False where it is damaged or was overwritten.
+// Copies the message at the cursor if it is wanted. False if it is damaged or was overwritten.
 bool RingMember::take(std::size_t ring, std::uint64_t& words) {
   Cursor& c = cursors_[ring];
   const auto word = [&](std::uint64_t i) {

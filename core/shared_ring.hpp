@@ -1,17 +1,17 @@
-// Messages of a tick through memory that the processes of one host share, in the place of datagrams.
+// Messages of a tick through memory shared by the processes of one host, instead of datagrams.
 //
-// Each process of the set writes a ring of its own and reads those of the others; no process can block
-// another, also not one that is killed while it writes. A message becomes visible as a whole (`head`).
-// A writer does not wait for readers: it announces (`reserved`) which words it is about to overwrite,
-// and a reader that was lapped leaves the ring's old messages out, which is a gap as any other.
-// Messages of several rings come in the order of their causes: each has a stamp of one
-// counter, and the heads are read as they were at one moment.
+// Each process of the set writes a ring of its own and reads those of the others. No process can
+// block another, even if it is killed while it writes. A message becomes visible as a whole
+// (`head`). A writer does not wait for readers: it announces (`reserved`) the words that it is
+// about to overwrite. A lapped reader skips the ring's old messages, which is a gap like any other.
+// Messages of several rings come in the order of their causes: each has a stamp of one counter, and
+// the heads are read as at one moment.
 //
-// The memory is of unknown origin to a reader: positions are masked, a message is copied before it is
-// checked, one with a wrong length, or of a channel that is not its writer's, is counted as malformed and
-// the ring is left out up to its head.
+// The memory is of unknown origin to a reader: positions are masked, and a message is copied before
+// it is checked. A message with a wrong length, or of a channel that is not its writer's, is
+// counted as malformed, and the ring is skipped up to its head.
 //
-// A reader sleeps on a futex. Its writer wakes it for the channels that it wants to be woken for.
+// A reader sleeps on a futex. Its writer wakes it for the channels that the reader has chosen.
 #pragma once
 #include <sys/types.h>
 
@@ -28,8 +28,8 @@ namespace twinrate {
 
 struct SharedRings;  // the memory
 
-// Half of what a ring holds of MEASUREMENT and TRUTH: a logger that waits for its disk is not lapped
-// within a window (bus.window_ticks) of so many ticks.
+// Half of the messages MEASUREMENT and TRUTH that a ring holds: a logger that waits for its disk is
+// not lapped within a window (bus.window_ticks) of this many ticks.
 inline constexpr int kMostTicksInMemory = 1024;
 
 // Which of the estimates a gain process can use: those below tick `from`, then of sequence numbers that
@@ -48,7 +48,7 @@ class SharedMemory {
  public:
   // `hears_copies`: of the messages that the logger sends over LCM, this process wants those of a tick.
   explicit SharedMemory(bool hears_copies = false);
-  // What the processes of the set open, while this object is there.
+  // The path that the processes of the set open, valid while this object exists.
   std::string path() const;
 
  private:
@@ -70,7 +70,7 @@ class RingMember {
   void put(Channel channel, const std::uint8_t* bytes, std::size_t size);
   void publish();
 
-  // `wakes`: a message of it ends sleep().
+  // `wakes`: its messages end sleep().
   void want(Channel channel, bool wakes);
   void thin_estimates(EstimateRate rate);
   struct Message {
@@ -78,10 +78,10 @@ class RingMember {
     const std::uint8_t* bytes;  // valid until the next call of next()
     std::size_t size;
   };
-  // The next message of a wanted channel; false where none is there.
+  // The next message of a wanted channel; false if there is none.
   bool next(Message& message);
-  // Until a message comes or wake() is called; a signal ends it. `for_all`: channels that do not wake
-  // do so now.
+  // Sleeps until a message comes or wake() is called; a signal ends it. `for_all`: also channels
+  // that do not wake otherwise.
   void sleep(double timeout_ms, bool for_all);
   // From another thread of this process.
   void wake();
@@ -92,7 +92,7 @@ class RingMember {
  private:
   static constexpr std::size_t kMembers = 5;
   struct Cursor {
-    std::uint64_t position = 0, limit = 0;  // words; what is below the limit may be read
+    std::uint64_t position = 0, limit = 0;  // words; those below the limit may be read
     std::uint32_t channels = 0;             // those of the ring's writer
     bool loaded = false;
     std::uint64_t stamp = 0;

@@ -27,7 +27,7 @@ class Copies {
  public:
   explicit Copies(const UdpmAddress& address)
       : sender_(address), stays_here_(address.ttl == 0), listeners_(address.port) {}
-  // Copies are made while somebody listens. Nobody can tell who listens on another machine.
+  // Sends copies while there is a listener. Listeners on another machine cannot be detected.
   void look(const std::vector<pid_t>& apart) {
     if (!stays_here_ || Clock::now() - looked_ < kLookPeriod) return;
     looked_ = Clock::now();
@@ -110,7 +110,7 @@ class SharedTransport : public BusTransport {
   }
 
   std::int64_t malformed() const override { return udpm_->malformed() + member_.malformed(); }
-  // The memory has one writer a channel: nobody is asked who he is.
+  // The memory has one writer a channel, so senders are not checked.
   std::uint64_t sender() const override { return from_ring_ ? 0 : udpm_->sender(); }
   bool is_own(std::uint64_t sender) const override { return udpm_->is_own(sender); }
 

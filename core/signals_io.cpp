@@ -234,7 +234,7 @@ Estimate from_wire(const estimate_t& w) {
   return decoded(w, e);
 }
 
-// Matrices that are shorter than their sizes say are left out.
+// Matrices shorter than their stated sizes are left out.
 Gain from_wire(const gain_t& w) {
   Gain g;
   const int n_x = bounded(w.n_x, kMaxStates), n_y = bounded(w.n_y, kMaxOutputs);

@@ -1,4 +1,5 @@
-// The one place where the loop's structs (model/signals.hpp) meet their messages (lcmtypes/).
+// The only conversion between the loop's structs (model/signals.hpp) and their messages
+// (lcmtypes/).
 #pragma once
 #include "core/channels.hpp"
 #include "model/signals.hpp"
@@ -11,7 +12,7 @@ estimate_t to_wire(const Estimate& e, std::int64_t session);
 gain_t to_wire(const Gain& g, std::int64_t session);
 reference_t to_wire(const Reference& r, std::int64_t session);
 command_t to_wire(const Command& c, std::int64_t session);
-// Into a message that is used again, whose arrays keep their memory.
+// Into a reused message, whose arrays keep their memory.
 void to_wire(const Estimate& e, std::int64_t session, estimate_t& w);
 void to_wire(const Gain& g, std::int64_t session, gain_t& w);
 

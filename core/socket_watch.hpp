@@ -1,7 +1,7 @@
-// Calls back when there is something to read on a socket, from a thread on another CPU.
+// Calls back when a socket is readable, from a thread on another CPU.
 //
-// For a process that sleeps on something else than its sockets. It calls again every millisecond while
-// nobody reads.
+// For a process that sleeps on something other than its sockets. It calls again every millisecond
+// until the socket is read.
 #pragma once
 #include <functional>
 #include <thread>

@@ -10,7 +10,7 @@ namespace twinrate {
 // Since the begin of the run.
 struct StallCount {
   std::int64_t stalls = 0;
-  double stood_s = 0;    // for which the plant's clock stood
+  double stood_s = 0;    // during which the plant's clock did not advance
   double longest_s = 0;  // by which a tick began late
 };
 

@@ -387,8 +387,8 @@ RateHistory rate_history(const RunLog& log, const DriveConfig& drive) {
 
 namespace {
 
-// The plant tells of its emergency stops: one of tick k comes before it leaves k + 1. The estimator
-// tells at which tick a reset let it begin anew.
+// The plant reports its emergency stops: the report of tick k comes before k + 1 begins. The
+// estimator reports the tick at which it restarted after a reset.
 std::string emergencies_in(const RunLog& log, const DriveConfig& drive) {
   std::string text;
   for (const EventRecord& event : log.events) {

@@ -1,4 +1,4 @@
-// Steering: what of a running drive can be changed, and what a change makes of its drive file.
+// Steering: the changeable values of a running drive, and the drive file that results from changes.
 //
 // A request is a text of KEY=VALUE lines that hold from one tick on (core/arbiter.hpp chooses it):
 //
@@ -6,13 +6,13 @@
 //   load_Nm                    load of the simulated plant, up to steering.load_max_Nm
 //   n, policy                  background every n ticks, gain policy (core/rate_history.hpp)
 //   compensation               as controller.compensation
-//   stop, start                without value: the speed reference goes to 0, and back to what it
-//                              was, in steps of at most 10 ms with steering.ramp_rad_s2
+//   stop, start                without value: the speed reference goes to 0, or back to its earlier
+//                              value, in steps of at most 10 ms with steering.ramp_rad_s2
 //
-// Each process keeps a SteeredDrive and takes from it what it follows. A value becomes a step of
-// the profile of its key and replaces all later steps. The steps are half a period before their
-// tick, so that no rounding moves them to another one. A drive file with these profiles is the
-// steered run: `twinrate set --save` writes it.
+// Each process keeps a SteeredDrive and uses its part of it. A value becomes a step of the profile
+// of its key and replaces all later steps. The steps are half a period before their tick, so that
+// rounding does not move them to another tick. A drive file with these profiles is the steered run:
+// `twinrate set --save` writes it.
 #pragma once
 #include <optional>
 #include <string>
@@ -24,7 +24,7 @@
 
 namespace twinrate {
 
-// Position 0: what gain.policy says.
+// Position 0: the policy of gain.policy.
 inline constexpr const char* kSteeredPolicyNames[] = {"gain.policy", "paper",     "immediate",
                                                       "extrapolate", "rotate",    "rotor_frame",
                                                       "scheduled",   "propagated"};
@@ -40,14 +40,14 @@ struct SteeringParameters {
   void fields(FieldVisitor& f);
 };
 
-// Reads [steering]. Throws BadInput where a step of steering.n is no whole number.
+// Reads [steering]. Throws BadInput if a step of steering.n is not an integer.
 SteeringParameters steering_of(Config& config);
 RateHistory rate_history(const DriveConfig& drive, const SteeringParameters& steering);
 inline RateHistory rate_history(Config& config) {
   return rate_history(config.drive(), steering_of(config));
 }
 
-// What steering.emergency does: off before the plant leaves tick k, or from SAFE to IDLE at tick k.
+// A step of steering.emergency: off before the plant leaves tick k, or from SAFE to IDLE at tick k.
 struct PlannedEmergency {
   std::int64_t k = 0;
   bool reset = false;
@@ -93,10 +93,10 @@ class SteeredDrive {
   std::optional<double> stopped_from_;  // speed reference before a stop, electrical
 };
 
-// The load that the lines of a request set; none where they set none.
+// The load that the lines of a request set, if any.
 std::optional<double> steered_load(std::string_view lines);
 
-// A number that is finite and nothing else. Throws BadInput naming the key.
+// A finite number with no further text. Throws BadInput naming the key.
 double steered_number(std::string_view key, std::string_view value);
 
 struct AppliedSteering {
@@ -105,12 +105,13 @@ struct AppliedSteering {
 };
 struct RunLog;
 std::vector<AppliedSteering> steering_in(const RunLog& log);
-// Why request i of the log was never applied: the run, of which `last_k` is the last tick, ended before its tick, or a
-// request of an earlier tick came after it and replaced all of its keys. "" where it was applied.
+// The reason why request i of the log was never applied: the run, of which `last_k` is the last
+// tick, ended before its tick, or a later request for an earlier tick replaced all of its keys. ""
+// if it was applied.
 std::string why_not_applied(const std::vector<AppliedSteering>& requests, std::size_t i,
                             std::int64_t last_k);
 bool was_steered(const RunLog& log);  // or stopped, or reset
-// Of a run: of the drive file in its log and of what was applied. Throws BadInput.
+// For a run, from the drive file in its log and the applied requests. Throws BadInput.
 RateHistory rate_history(const RunLog& log, const DriveConfig& drive);
 // The overrides that make the drive file of a steered run from that of its log, for `ticks` ticks.
 std::vector<std::string> steered_overrides(Config& config, const RunLog& log, std::int64_t ticks);

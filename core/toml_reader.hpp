@@ -25,11 +25,11 @@ inline std::string list_names(const std::vector<std::string>& names) {
 // Names, kinds and paths: PATH_MAX of Linux.
 inline constexpr std::size_t kMaxTextBytes = 4096;
 
-// The tables that other folders own whole; DriveConfig reads of [plant] what all have to know.
+// Tables that other folders own as a whole; DriveConfig reads the common keys of [plant].
 inline constexpr const char* kOwnedTables[] = {"plant",   "safety",   "bus",     "logger",
                                                "monitor", "realtime", "steering"};
 
-// The parsed file and, for each key, where it was written (a preset, the file itself, or --set).
+// The parsed file and the place where each key was written (a preset, the file itself, or --set).
 struct Config::Impl {
   toml::table root;
   std::string source;
@@ -49,7 +49,7 @@ struct Config::Impl {
   [[noreturn]] void fail(const std::string& path, const std::string& what) const {
     throw BadInput(printable(fmt::format("{}: {}: {}", where(path), path, what)));
   }
-  // A table that is there must have been read by its owner.
+  // Requires that an existing table was read by its owner.
   void require_read(const std::string& path) const {
     if (read_tables.count(path)) return;
     std::vector<std::string> known;
@@ -57,7 +57,7 @@ struct Config::Impl {
       if (table.find('.') != std::string::npos) known.push_back(table);
     fail(path, "unknown table; known: " + list_names(known));
   }
-  // As its owner resolved it; as it was given where the owner has not read it.
+  // As its owner resolved it; as given if the owner has not read it.
   std::string owned_table_text(const std::string& path) const {
     for (const auto& [owned, text] : owned_text)
       if (owned == path) return text;
@@ -95,9 +95,9 @@ struct Config::Impl {
       }
     }
   }
-  // A later layer (file over preset, --set over file) wins key by key, and where it gives one of
-  // two ways of saying the same thing, the other way of an earlier layer goes. All of --set is one
-  // layer: there both ways stay, and reading them refuses what contradicts.
+  // A later layer (file over preset, --set over file) wins key by key. If it gives one of two
+  // equivalent keys, the other one of an earlier layer is removed. All of --set is one layer: there
+  // both keys stay, and reading them refuses a contradiction.
   void lay_over(const toml::table& layer) {
     static constexpr const char* kRivals[][3] = {{"rates", "n", "f_b_Hz"},
                                                  {"reference", "omega_e_rad_s", "speed_rpm"}};
@@ -124,7 +124,7 @@ struct Config::Impl {
   }
 };
 
-// Reads one table through a FieldVisitor and remembers which keys it asked for.
+// Reads one table through a FieldVisitor and remembers the requested keys.
 class TomlReader final : public FieldVisitor {
  public:
   TomlReader(const Config::Impl& file, const toml::table* table, std::string prefix)
@@ -217,7 +217,7 @@ class TomlReader final : public FieldVisitor {
     fields(sub);
     sub.require_known();
   }
-  // A table whose keys this reader leaves alone; null where there is none.
+  // A table whose keys this reader does not read; null if there is none.
   const toml::table* unread_table(const char* key) {
     const toml::node* node = find(key, Presence::kOptional);
     if (node && !node->is_table()) fail(key, "a table allowed, found {}", shown(*node));
@@ -226,7 +226,7 @@ class TomlReader final : public FieldVisitor {
 
   void accept(const std::string& key) { seen_.insert(key); }
   bool has(const char* key) const { return table_ && table_->contains(key); }
-  // Keys nobody asked for. `open`: sub-tables that belong to other owners are left alone.
+  // Refuses keys that were not requested. `open`: sub-tables of other owners are skipped.
   void require_known(bool open_tables = false) const {
     if (!table_) return;
     for (const auto& [key, node] : *table_) {

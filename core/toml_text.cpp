@@ -38,7 +38,7 @@ std::size_t end_of_string(std::string_view text, std::size_t at) {
   return text.size();
 }
 
-// The line of the first key with too many dots; 0: there is none.
+// The line of the first key with too many dots; 0: none.
 std::ptrdiff_t line_of_long_key(std::string_view text) {
   int dots = 0;
   for (std::size_t i = 0; i < text.size();) {

@@ -14,7 +14,7 @@ inline constexpr int kMaxKeyDots = 16;  // a drive file: 3
 // The text of a file. Throws BadInput if it cannot be read, or is larger than the largest message
 // (core/message_check.hpp): a log holds its drive file as one.
 std::string read_text_file(const std::string& path);
-// Throws BadInput: source:line, what is wrong.
+// Throws BadInput: source:line and the error.
 toml::table parse_toml(const std::string& text, const std::string& source);
 
 }  // namespace twinrate

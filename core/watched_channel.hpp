@@ -6,9 +6,9 @@
 // stored.
 //
 // GAIN comes every n ticks, and n changes: a gain every tick before the filter agrees with itself,
-// and requests. A gain shows when the next one is due where its first use lies beyond the next tick;
-// a later one is a gap. Where it shows nothing (policy immediate) a larger distance than before is a
-// gap if the one after it is as before again, else the new n.
+// and requests. A gain whose first use lies beyond the next tick shows when the next one is due; a
+// later one is a gap. Without this sign (policy immediate) a distance larger than before is a gap
+// if the next one is as before again, else the new n.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -53,7 +53,7 @@ class WatchedChannel {
 
   Channel channel() const { return channel_; }
   std::int64_t messages() const { return messages_; }
-  // Sequence numbers that are missing; one that comes late (a repeat may overtake) is no longer.
+  // Missing sequence numbers; a late one (a repeat may overtake) no longer counts.
   std::int64_t gaps() const { return gaps_; }
   std::int64_t repeats() const { return repeats_; }  // repeated sequence numbers
   std::int64_t last_seq() const { return last_seq_; }

@@ -17,7 +17,7 @@ class Worker {
   bool is_busy() const { return state_ != kIdle; }
   // Only while it is not busy. No exception leaves the job.
   void start(std::function<void()> job);
-  // True once for each job: what it wrote can be read.
+  // True once for each job: its results can be read.
   bool ended();
 
  private:
