@@ -144,8 +144,8 @@ class RecordedRun final : public LogReader {
       load_->steer(steering[steered_].k, steering[steered_].lines);
     return load_->at(t_s);
   }
-  // The next message then holds the voltage of the end of the gap, not that of this row; one that was
-  // imported holds that of its row. A log of every nth tick has no row before a gap.
+  // If true, the next message holds the voltage of the end of the gap, not that of this row; an
+  // imported message holds that of its row. A log of every nth tick has no row before a gap.
   bool is_before_a_gap(std::int64_t k, std::int64_t k_following) {
     step_ = std::min(step_, std::max<std::int64_t>(1, k_following - k));
     return k_following - k > step_;
@@ -154,7 +154,7 @@ class RecordedRun final : public LogReader {
   bool is_timed(const Measurement& m) const {
     return T_s_ > 0 && std::llabs(m.t_ns - std::llround(1e9 * T_s_ * static_cast<double>(m.k))) > 1;
   }
-  // Of the first row that has currents and an angle: what a drive did not log stays absent.
+  // Takes the columns of the first row with currents and an angle; absent signals stay absent.
   void choose_columns(const Measurement& m, const Measurement& following) {
     constexpr int kNeeded = kPhaseCurrents | kPosition;
     if ((m.signals & kNeeded) != kNeeded) return columns_.reset();

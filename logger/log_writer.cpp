@@ -91,7 +91,7 @@ void LogWriter::set_manifest(const std::string& channel, const std::vector<std::
   manifest_channel_ = channel;
   manifest_ = bytes;
   begin_part(t_us);
-  mark(0);  // a disk that gets full within the first tick leaves no part of it
+  mark(0);  // a full disk within the first tick keeps no part of it
 }
 
 void LogWriter::begin_part(std::int64_t t_us) {
@@ -175,8 +175,8 @@ bool LogWriter::flush() {
   return false;
 }
 
-// Drops what a partial write left, and the messages of a tick that is not whole. They may have begun
-// in the file before this one, which then keeps its manifest alone.
+// Removes the remainder of a partial write and the messages of an incomplete tick. They may have
+// begun in the file before this one; this file then keeps only its manifest.
 void LogWriter::cut_to_mark() {
   const Mark& mark = marked_on_disk_;
   const std::size_t last = files_.size() - 1;

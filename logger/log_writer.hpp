@@ -1,11 +1,11 @@
 // Writes an LCM log that is readable after a full disk.
 //
-// Marks say that a part begins and ends (core/log_marks.hpp); the log of a full disk does not end.
-// Whole events are gathered and written `gather_bytes` at a time; every write is checked. If the disk is
-// full, the log is truncated to a mark on the disk, without one to its last whole event, so that up to
-// 64 kB are left for the results of the run, and the writer accepts no more events: what it holds is
-// what marked_on_disk() says. A file that exists is not overwritten. At `rotate_bytes` the next file is
-// started: log.lcm, log-001.lcm, .. each with the manifest first.
+// Marks show that a part begins and ends (core/log_marks.hpp); the log of a full disk does not end.
+// Whole events are collected and written `gather_bytes` at a time. Every write is checked. If the
+// disk is full, the log is truncated to a mark on the disk (without one to its last whole event),
+// so that up to 64 kB remain for the results of the run, and the writer accepts no more events:
+// marked_on_disk() gives the kept ticks. An existing file is not overwritten. At `rotate_bytes` the
+// next file is started: log.lcm, log-001.lcm, .. each with the manifest first.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +19,8 @@ namespace twinrate {
 class LogWriter {
  public:
   // Throws BadInput if the first file exists, std::runtime_error if it cannot be created.
-  // `first_part`: number of the parts that are there already. `gather_bytes`: a killed process loses
-  // as many; a write of 1 MB costs the kernel half of sixteen of 64 kB.
+  // `first_part`: number of existing parts. `gather_bytes`: a killed process loses this much; a
+  // write of 1 MB costs the kernel half of sixteen writes of 64 kB.
   LogWriter(std::string directory, std::int64_t rotate_bytes, std::size_t first_part = 0,
             std::size_t gather_bytes = 65536);
   ~LogWriter();
@@ -33,8 +33,8 @@ class LogWriter {
   // False once the disk is full, or if the next file exists.
   bool write(const std::string& channel, const std::uint8_t* bytes, std::size_t size,
              std::int64_t t_us);
-  // The place of a message of `size` bytes in the next event: the caller encodes there, before any
-  // other call. Null where write() would be false.
+  // The address of a message of `size` bytes in the next event: the caller encodes there, before
+  // any other call. Null if write() would return false.
   std::uint8_t* room_for(const std::string& channel, std::size_t size, std::int64_t t_us);
   // Flushes all events to the file; false once the disk is full.
   bool flush();
@@ -43,7 +43,7 @@ class LogWriter {
   bool full() const { return full_; }
   // Why the writer accepts no more events; "" while it does.
   const std::string& failure() const { return failure_; }
-  // The events so far are those of the ticks below k, in realtime as far as they came.
+  // The events written so far belong to the ticks below k; in realtime, to those that arrived.
   void mark(std::int64_t k) {
     marks_.push_back({k, files_.size() - 1, on_disk_ + static_cast<std::int64_t>(gathered_)});
   }
@@ -56,7 +56,7 @@ class LogWriter {
  private:
   void open_next();  // throws as the constructor
   void close();
-  void begin_part(std::int64_t t_us);  // its manifest and mark, where there is a manifest
+  void begin_part(std::int64_t t_us);  // with its manifest and mark, if there is a manifest
   void put_mark(std::string_view text, std::int64_t t_us);
   void cut_to_mark();
   void fail(const std::string& why);

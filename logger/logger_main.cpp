@@ -38,7 +38,8 @@ std::string directory_of(const ProcessOptions& options) {
   return directory;
 }
 
-// What an earlier logger of the run has left: the parts of its log, the last one perhaps cut off.
+// The remains of an earlier logger of the run: the parts of its log, the last one possibly
+// truncated.
 struct Earlier {
   std::vector<std::string> parts;
   std::int64_t t0_us = 0;
@@ -137,7 +138,7 @@ class LoggerProcess {
   bool at_a_wrong_time(Channel channel, std::int64_t seq, std::int64_t t_ns) const {
     return channel < Channel::kStatus && p_.in_turn() && t_ns != p_.drive().t_ns(seq);
   }
-  // A log that goes on begins with a tick: only its messages know how late it is.
+  // A continued log begins with a tick: only the messages of a tick show how late it is.
   bool waits_for_a_tick(Channel channel, std::int64_t t_ns) {
     if (!p_.options().resume || resumed_) return false;
     if (channel >= Channel::kStatus) return true;
@@ -180,7 +181,7 @@ class LoggerProcess {
     ack_t ack = missing_;
     ack.seq = acknowledged_;
     missing_ = ack_t{};
-    // A logger that is not bound to the session must not release its plant.
+    // Only a logger that is bound to the session may release its plant.
     if (p_.bus().bound()) p_.bus().publish(ack);
   }
   // Only when the bus is silent: missing messages of the newest ticks are usually in transit.

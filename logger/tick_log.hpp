@@ -33,9 +33,9 @@ class TickLog {
   TickLog(LogWriter& writer, Order order, const DriveConfig& drive,
           const std::string& channel_suffix, std::int64_t t0_us);
 
-  // False for a message of a tick that is too far ahead: nobody can send the ticks between again.
-  // By tick, the first message of a tick and channel counts. A MEASUREMENT begins its tick: what
-  // came before it had no cause and must be sent again. So had a MEASUREMENT before the COMMAND of
+  // False for a message of a tick too far ahead, because nobody can send the ticks between again.
+  // The first message of a tick and channel counts. A MEASUREMENT begins its tick: a message before
+  // it had no cause and must be sent again. The same holds for a MEASUREMENT before the COMMAND of
   // the tick before: it counts if it comes again, and another one replaces it.
   bool take(Channel channel, std::int64_t seq, std::int64_t t_ns, const std::uint8_t* bytes,
             std::size_t size);
@@ -47,7 +47,7 @@ class TickLog {
   // Rate and policy change while the drive runs. To be called before a message of a changed tick
   // comes.
   void follow(RateHistory rates) { rates_ = std::move(rates); }
-  // When GAIN is due, by the estimates received so far.
+  // Tells when GAIN is due, from the estimates received so far.
   BackgroundRate gain_rate() const { return gain_rate_; }
   // All ticks below this one are complete and passed to the writer.
   std::int64_t complete_below() const { return next_; }

@@ -126,7 +126,7 @@ std::shared_ptr<const ControlLaw> law_of(Config& config) {
   return law;
 }
 
-// [i_d, i_q, omega_m, theta_e] over T under a voltage that stands still in the stator.
+// [i_d, i_q, omega_m, theta_e] over T under a voltage that is constant in stator axes.
 Eigen::Vector4d machine_step(const MachineParameters& m, const Eigen::Vector4d& x, const Vec2& u,
                              double T_load, double T) {
   const auto rate = [&](const Eigen::Vector4d& s) -> Eigen::Vector4d {
@@ -428,8 +428,8 @@ int ClosedFloquet::n_max_by_bisection(int limit) const {
 }
 
 int ClosedFloquet::n_max(int limit) const {
-  // A gain that turns with the rotor, or is the same at every angle, does not age by rotation: usually no
-  // n is lost, and none below one that holds.
+  // A gain that turns with the rotor, or is the same at every angle, does not age by rotation.
+  // Usually every n keeps synchronism, or every n up to a limit.
   const bool ageless = turns_gain(steady_.policy) || steady_.policy == GainPolicy::kPropagated ||
                        steady_.filter->turning_pairs() == 0;
   if (ageless) return n_max_by_bisection(limit);

@@ -47,7 +47,7 @@ const TickRecord& ClosedLoop::step() {
   const Reference reference = drive_.reference_at(m.k);
   const Command command = controller_->step({m, e, reference, &truth});
   plant_.take_command(command);
-  // Copied once all of them are written: a copy waits for what was written just before it.
+  // Copied after all of them are written: a copy waits for the last writes.
   tick_.measurement = m;
   tick_.estimate = e;
   tick_.truth = truth;

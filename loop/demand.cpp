@@ -20,7 +20,7 @@ double largest(const Profile& profile) {
   return amplitude;
 }
 
-// What the demand needs of the controller: current limit, current angle, bandwidths.
+// Properties of the controller that the demand uses: current limit, current angle, bandwidths.
 void read_controller(Config& config, Demand& demand) {
   const std::string kind = config.drive().controller.kind;
   const auto builder = controller_builder(kind, config.drive());

@@ -25,7 +25,7 @@ std::vector<std::uint8_t> bytes_of(const Estimate& e) {
 
 }  // namespace
 
-// The estimator tells what it did, in the words of Process.
+// From the events of the estimator, in the words of Process.
 std::vector<ModelChange> model_changes_in(const RunLog& log) {
   std::vector<ModelChange> changes;
   for (const EventRecord& event : log.events) {

@@ -72,8 +72,8 @@ std::string written(const ConfiguredEffect& effect) {
   return write_effects(only);
 }
 
-// The effects of the drive file and those that were added, each with the time in which the model had
-// it. A change of tick k is half a period before it, so that no rounding moves it.
+// The effects of the drive file and the added ones, each with the time in which the model had it. A
+// change at tick k is half a period before it, so that rounding does not move it.
 std::vector<ConfiguredEffect> steered_effects(const RunLog& log, const DriveConfig& drive) {
   std::vector<ConfiguredEffect> effects = drive.effects;
   const std::size_t declared = effects.size();
@@ -106,7 +106,7 @@ std::string steered_drive_file(const RunLog& log, bool with_effects) {
   read_all_tables(config);
   std::vector<std::string> overrides = steered_overrides(config, log, whole_ticks(log));
   if (with_effects)
-    overrides.emplace_back("monitor.enabled=false");  // what it added is in the file
+    overrides.emplace_back("monitor.enabled=false");  // the effects that it added are in the file
   Config steered = Config::parse(config.resolved(), log.path, overrides);
   read_all_tables(steered);
   if (!with_effects) return steered.resolved();

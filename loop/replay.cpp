@@ -29,7 +29,7 @@ class LoggedEstimates {
   std::size_t next_ = 0;
 };
 
-// A damaged log may have any time stamp; its message is whole all the same.
+// A damaged log may have any time stamp, although its message is whole.
 constexpr std::int64_t kDay_us = 86'400'000'000;
 
 // In pieces: a pause of the log can be long, and Ctrl-C ends it.

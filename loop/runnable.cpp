@@ -41,7 +41,7 @@ constexpr double kStartSettles_s = 1;
 // In t_align_s.
 constexpr double kAlignTimeConstants = 5;
 
-// What other swings of the ramp may take.
+// Share of the limit; the remainder is for other swings of the ramp.
 constexpr double kSwingMargin = 0.7;
 
 // Largest n that the search for the first loss tries; it takes up to 0.5 s. Beyond it the trial of the run
@@ -52,7 +52,7 @@ bool is_sensorless(const std::string& kind) {
   return kind != "ekf_disturbance" && kind != "ekf_harmonic";
 }
 
-// What theory says about one drive.
+// Predictions of theory about one drive.
 class Theory {
  public:
   Theory(Config& config, std::shared_ptr<const Filter> filter)
@@ -179,7 +179,7 @@ class Theory {
         d_.estimator.kind, math::atan(angle) * 180 / kPi);
   }
 
-  // Of FOC, or of a state feedback from bandwidths; 0 where it is not known.
+  // Of FOC, or of a state feedback from bandwidths; 0 if unknown.
   double speed_bandwidth() const {
     if (d_.controller.kind == "foc") return value("controller.foc.speed_bandwidth_Hz");
     const auto gains = rows_.find("controller.lqr.gains"),
@@ -327,8 +327,9 @@ class Theory {
     return "";
   }
 
-  // State feedback works on the filter's currents: its loop closes through the gains, and cannot be
-  // faster than half their rate. A bound, for what the analysis of the closed loop does not cover.
+  // State feedback uses the filter's currents: its loop closes through the gains, and cannot be
+  // faster than half their rate. A bound for drives that the analysis of the closed loop does not
+  // cover.
   std::string gains_slower_than_the_feedback() const {
     const double half_f_b = 0.5 * d_.rates.f_s_Hz / d_.rates.n, bandwidth = current_bandwidth();
     if (bandwidth < half_f_b) return "";

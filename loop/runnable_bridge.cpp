@@ -14,7 +14,8 @@ namespace {
 // The default of bridge.lease_ms; a shorter one is the user's claim about the link.
 constexpr double kDefaultLease_ms = 20;
 
-// The lease against the link: what the line itself takes, and what only a measurement can tell.
+// Checks the lease against the duration of a message on the line; the remaining delay needs a
+// measurement.
 std::string lease_too_short(const Config& config, const BridgeParameters& bridge) {
   const double frames_ms = 1e3 * bridge.wire_time_s();
   const double least_ms =

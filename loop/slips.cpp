@@ -95,7 +95,7 @@ void of_inductance(const DriveConfig& d, std::vector<Slip>& slips) {
 
 std::string factor_text(double ratio, const RatioBand& without_slip) {
   const double size = std::max(ratio, 1 / ratio);
-  std::vector<std::pair<double, const char*>> named;  // what is left of the ratio, its size
+  std::vector<std::pair<double, const char*>> named;  // remaining ratio, its size
   for (const Factor& factor : kFactors) {
     const double left = ratio > 1 ? ratio / factor.value : ratio * factor.value;
     if (left > without_slip.least && left < without_slip.most)

@@ -17,7 +17,7 @@ using Column = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStates, 1>;
 constexpr double kDifference = 1e-6;  // of a state, for central differences
 constexpr int kMaxPeriods = 400;      // until the gain is periodic in rotor axes
 constexpr int kMinPeriods = 11;
-constexpr int kMaxPropagatedTicks = 2000;  // propagated: P takes a step every tick, whatever n
+constexpr int kMaxPropagatedTicks = 2000;  // propagated: P takes a step every tick, for any n
 constexpr double kGainTolerance = 1e-9;    // relative change of a periodic gain
 
 Estimate at_begin(const Steady& s) {

@@ -40,8 +40,8 @@ bool is_forced(Mode mode) {
 
 // 0.02 to 0.25 s: the loop takes 0.4 to 5 us a tick.
 constexpr std::int64_t kTrialTicks = 60000;
-// The switched inverter and SUNDIALS are integrated in small steps, so many of a tick: some ten
-// segments of each switching period, each in `erk_steps`.
+// The switched inverter and SUNDIALS are integrated in small steps, so the trial has fewer ticks:
+// some ten segments of each switching period, each in `erk_steps`.
 std::int64_t ticks_of_trial(Config& config) {
   const auto plant = config.read<PlantParameters>();
   const bool switched = plant.inverter == InverterModel::kSwitched;
@@ -54,7 +54,7 @@ std::int64_t ticks_of_trial(Config& config) {
 
 // 0.1 to 0.7 s: a background step takes 5 to 70 ns for each element of P (4 to 20 states, -O3).
 constexpr std::int64_t kTrialTableElements = 10'000'000;
-// The gains over speed that the run uses, if any. Empty where they take too long.
+// The gains over speed that the run uses, if any. Empty if they take too long.
 std::optional<GainTable> table_of_trial(Config& config) {
   if (!uses_table(config)) return GainTable();
   const std::shared_ptr<const Filter> filter = make_filter(config);

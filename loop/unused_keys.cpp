@@ -183,8 +183,8 @@ bool is_real(const Settings& s) {
   return s.drive.plant.kind == PlantKind::kBridge;
 }
 
-// What the protocol of the bridge reads. The mode is no condition: `bridge listen` and `bridge run` set
-// it for the same file.
+// Keys that the protocol of the bridge reads. The mode is no condition: `bridge listen` and `bridge
+// run` set it for the same file.
 std::vector<Rule> rules_of_the_bridge() {
   const auto needs = [](const char* key, const std::map<std::string, std::string>& all) {
     std::string text;
@@ -244,7 +244,7 @@ std::string read_only_with(const std::string& key, const Settings& settings,
   return rule == rules.end() || rule->is_read(settings) ? "" : rule->read_with;
 }
 
-// Other headers may stand before the mark (extended.toml).
+// Other headers may precede the mark (extended.toml).
 bool is_resolved(const std::string& file) {
   constexpr int kHeaderLines = 30;
   std::ifstream in(file);
@@ -319,7 +319,7 @@ void refuse_covariance(const Config& config) {
       config.where("estimator.covariance"), drive.estimator.kind));
 }
 
-// "" if the parts of the drive can do what controller.compensation asks for, else what it needs.
+// "" if the parts of the drive support controller.compensation, else the missing condition.
 std::string unmet_compensation(Config& config, const Settings& settings) {
   const auto filter = make_filter(config);
   for (const Compensation wanted :
@@ -331,8 +331,8 @@ std::string unmet_compensation(Config& config, const Settings& settings) {
   return "";
 }
 
-// A preset's compensation stays without effect where its alternatives cannot do it, but no
-// controller takes an angle that the drive does not give it.
+// A preset's compensation has no effect if its alternatives do not support it, but no controller
+// uses an angle that the drive does not provide.
 void refuse_compensation(Config& config, const Settings& settings) {
   const std::string key = "controller.compensation", needs = unmet_compensation(config, settings);
   const std::vector<std::string> mine = keys_of_the_user(config);

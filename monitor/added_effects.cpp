@@ -54,7 +54,7 @@ void AddedEffects::add(const std::vector<ConfiguredEffect>& effects, std::size_t
 
 void AddedEffects::remove(std::size_t place) {
   list_.erase(list_.begin() + static_cast<std::ptrdiff_t>(place));
-  for (AddedEffect& a : list_) a.votes.clear();  // were made beside the one that left
+  for (AddedEffect& a : list_) a.votes.clear();  // their comparisons included the removed effect
 }
 
 void AddedEffects::restart() {

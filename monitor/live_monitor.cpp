@@ -62,7 +62,7 @@ TraceResult run(const TraceJob& job, std::function<bool()> stop) {
     return nothing;
   }
   TraceSettings settings{.stop = std::move(stop)};
-  settings.fit_judging_rows = true;  // what passed is fitted to all rows
+  settings.fit_judging_rows = true;  // passed effects are fitted to all rows
   return trace_record(job.record, job.drive, job.health, settings, job.judging);
 }
 
@@ -342,7 +342,7 @@ void LiveMonitor::take_back(std::vector<std::size_t> places, const std::string& 
   notify(Reason::kEffectTakenBack,
          fmt::format("{} is taken back: {}", fmt::join(kinds, " + "), why));
   removing_ = std::move(places);
-  proposed_.clear();  // was traced beside what is taken back
+  proposed_.clear();  // traced beside the effects that are removed
   addition_.reset();
   removal_ = toml_of(effects);
   phase_ = Phase::kRemoving;

@@ -3,8 +3,8 @@
 //   MEASUREMENT(k), ESTIMATE(k) -> [LiveMonitor] -> EVENT
 //                                                -> REQUEST {add effect} to estimator, gain and
 //                                                   controller: monitor.auto_add, or on request
-//                                                -> REQUEST {remove effect} to the same: what
-//                                                   makes the error larger is taken back
+//                                                -> REQUEST {remove effect} to the same, for an
+//                                                   effect that makes the error larger
 //
 // Tracing runs in a separate thread; the loop does not wait for it. RUN_DIR/monitor.json holds the
 // results so far. With --follow the monitor restarts with the session or the sequence, as the
@@ -164,7 +164,7 @@ class MonitorProcess {
   std::future<TraceResult> trace_;
   std::stop_source stop_;  // of the running trace
   bool asking_ = false;
-  std::optional<std::string> asker_;  // the text of who asked for the addition
+  std::optional<std::string> asker_;  // text of the request for the addition
   request_t request_{};
   std::int64_t requests_ = 0, applied_ = -1;
   std::set<int> answered_;

@@ -41,11 +41,11 @@ using TwoMassState = Eigen::Matrix<double, 6, 1>;  // PlantState, delta, omega_l
 // Inputs, constant over one sampling interval.
 struct PlantInput {
   double t_k = 0;                   // start of the interval
-  Vec2 u_alphabeta = Vec2::Zero();  // applied voltage, where the bus is at its nominal voltage
+  Vec2 u_alphabeta = Vec2::Zero();  // applied voltage at the nominal bus voltage
   double T_load = 0;                // external load
   // Of a switched inverter: the legs' states in this segment, instead of u_alphabeta.
   std::optional<LegStates> legs;
-  RotorAxes rotor_axes = {};  // at t_k, where the caller has them
+  RotorAxes rotor_axes = {};  // at t_k, if the caller has them
 };
 
 class DriveModel {
@@ -73,8 +73,8 @@ class DriveModel {
   const MachineParameters& machine() const { return machine_; }
   // The machine's own equations and no effect in them: plant_sim/plain_machine.hpp.
   bool is_plain() const;
-  // The applied voltage, where it is constant over the interval (before effects): none of the legs
-  // is in dead time.
+  // The applied voltage, if it is constant over the interval (before effects): no leg is in dead
+  // time.
   std::optional<Vec2> constant_voltage(const PlantInput& input) const;
   // The fastest rate of the equations, 1/s: decay of the currents, shaft.
   double fastest_rate() const;

@@ -15,7 +15,7 @@
 
 namespace twinrate {
 
-// d/dt of i_dq, rotor axes, under u_dq (effects already taken off).
+// d/dt of i_dq, rotor axes, under u_dq (losses by effects already subtracted).
 inline Vec2 fixed_axes_current_rate(const MachineParameters& m, const Vec2& i_dq, const Vec2& u_dq,
                                     double omega_e, double theta_e) {
   const Vec2 emf_dq(0, omega_e * m.psi_f);

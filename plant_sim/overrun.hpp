@@ -35,8 +35,8 @@ class ThreadClock {
 // How late, and why, in words. `spent`: from the last tick's begin to this one's.
 std::string late_text(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns);
 
-// At most one event of a kind in 100 ms, and one that is twice as large; those between are counted.
-// An event for every tick of a drive that is late makes it later.
+// At most one event of a kind in 100 ms, except one that is twice as large; the others are counted.
+// An event for every tick of a late drive would make it later.
 class PacedEvents {
  public:
   // The text to send, with the number of those between; "": none now.

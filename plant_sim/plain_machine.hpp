@@ -44,7 +44,7 @@ class PlainMachine {
         h_per_J_(h / m.J) {}
 
   double h() const { return h_; }
-  // What a torque that is constant over the step takes off omega_m in it.
+  // Change of omega_m over the step by a torque that is constant over it.
   double load(double T_load) const { return h_per_J_ * T_load; }
   [[gnu::always_inline]] PlainState rate(const PlainState& x, double load) const {
     const Four e = x.electrical;
@@ -55,8 +55,8 @@ class PlainMachine {
     return {applied * gain_ - e * decay_ + omega_m * (across * turn_ + emf_),
             Pair{acceleration, omega_m * h_}};
   }
-  // The square of an error: A, what the error of u_dq makes of them in a step, rad/s, and rad with
-  // a weight.
+  // The square of an error: of the currents and of their change by the error of u_dq in a step, A;
+  // of the speed, rad/s; of the angle, rad times the weight.
   [[gnu::always_inline]] double size_squared(const PlainState& e, double weight_of_angle) const {
     const Four in_A = e.electrical * Four{1, 1, gain_[0], gain_[1]}, squared = in_A * in_A;
     const Pair motion = e.motion * Pair{1, weight_of_angle}, motion_squared = motion * motion;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kShortestStep = 1e-9;  // of an interval: an integrator has nothing to do in less
 
-// The effects, split: those that a switched inverter makes itself, those on samples, the others.
+// The effects by place: in the switched inverter, on samples, elsewhere.
 struct PlantEffects {
   Effects in_equations;
   LegFacts legs;
@@ -151,7 +151,7 @@ void Plant::mark_faults(Measurement& m) const {
   if (is_open()) m.signals &= ~kVoltage;
 }
 
-// Reads the row at t_k, and what the drive makes of it.
+// Reads the row at t_k, with the drive's own processing.
 void Plant::take_row() {
   Measurement& m = sample_;
   read_row(m);
@@ -293,7 +293,7 @@ double Plant::sensed_temperature() const {
 Vec2 Plant::voltage_in_force() const {
   const Command& c = applied_command_;
   if (safety_.state() != DriveState::kDerate) return c.u_alphabeta_ref;
-  // The frame at t_k, and where it is in the middle of the interval.
+  // The frame at t_k, and in the middle of the interval.
   const double turned = frame_turns_ * T_s_;
   const double theta_e = c.theta_ctrl + parameters_.delay_samples * turned;
   const Vec2 i_dq = park(clarke(sample_.i_abc), theta_e);
@@ -391,8 +391,8 @@ void Plant::integrate() {
   }
 }
 
-// All switches off. Legs in dead time are their diodes: i_zero makes a leg that blocks settle within
-// one part of the interval. Once the current is zero it stays so where the EMF is below the bus
+// All switches off. Legs in dead time are their diodes: i_zero makes a blocking leg settle within
+// one part of the interval. Once the current is zero it stays zero while the EMF is below the bus
 // voltage: the terminals follow the EMF.
 void Plant::integrate_open() {
   constexpr double kConducting = 0.01, kBlocking = 0.1;  // parts of an interval

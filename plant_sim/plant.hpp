@@ -42,8 +42,8 @@
 
 namespace twinrate {
 
-// Whether what the drive applies of a command is finite. Another command is not taken: the last one
-// is held.
+// True if the applied values of a command are finite. Another command is not used: the last one is
+// held.
 bool is_finite(const Command& command);
 
 class Plant {
@@ -57,20 +57,20 @@ class Plant {
   const Measurement& sample() const { return sample_; }
   Truth truth() const;
   void take_command(const Command& command);
-  // False where the command that was due is missing. Throws std::runtime_error where SUNDIALS
-  // fails.
+  // False if the due command is missing. Throws std::runtime_error if SUNDIALS fails.
   bool advance();
-  // advance() would hold the last command: the one that is due has not come.
+  // True if advance() would hold the last command because the due one has not arrived.
   bool command_is_missing() const;
   // Another command of the same tick is there already.
   bool contradicts(const Command& command) const;
   // Off from the next advance() on, for every command.
   void emergency_stop() { emergency_stop_ = true; }
-  // Of the last emergency stop: the drive file asked for it, not a request.
+  // True if the drive file, not a request, made the last emergency stop.
   bool stop_was_planned() const { return stop_was_planned_; }
   void supervisor_is_silent() { supervisor_silent_ = true; }
-  // SAFE -> IDLE in the advance() of tick `k`, or the next one. "" where it will, else why not: the
-  // drive is not off, or the cause is still there. A cause that comes back until then keeps it off.
+  // SAFE -> IDLE in the advance() of tick `k`, or the next one. Returns "" or the reason why not:
+  // the drive is not off, or the cause persists. A cause that returns before then keeps the drive
+  // off.
   std::string reset(std::int64_t k = 0);
   // The load from now on; the torque moves to it with load.slew_Nm_s.
   void follow_load(const Profile& T_load_Nm) { config_.load.T_load_Nm = T_load_Nm; }
@@ -84,10 +84,10 @@ class Plant {
 
  private:
   Plant(const Config& config, const PlantParameters& parameters, const SafetyParameters& safety);
-  // Chooses the voltage of the interval that begins at t_k; false where the command due is missing.
+  // Chooses the voltage of the interval that begins at t_k; false if the due command is missing.
   bool apply_due_command();
-  // Puts the command that is due in force; where it is not there the newest one before it that is at
-  // most hold_ticks older and was not in force yet.
+  // Puts the due command in force; if it is missing, the newest one before it that is at most
+  // hold_ticks older and was not in force yet.
   Arrival take_due_command(std::int64_t due);
   bool has(std::int64_t k) const;
   bool was_not_finite(std::int64_t k) const;
@@ -146,7 +146,7 @@ class Plant {
   void do_what_is_planned();
   std::deque<PlannedEmergency> planned_;
   bool emergency_stop_ = false, supervisor_silent_ = false, stop_was_planned_ = false;
-  std::int64_t reset_k_ = -1;          // tick of a reset that is coming; -1: none
+  std::int64_t reset_k_ = -1;          // tick of a pending reset; -1: none
   std::array<Command, 8> commands_{};  // the latest, at index k modulo 8
   double theta_m_meas_ = 0, omega_m_meas_ = 0;
   double T_load_ = 0;

@@ -132,7 +132,7 @@ bool usable(const VerifyLog& log, std::size_t first, std::size_t count) {
   return true;
 }
 
-// Errors of every row of a window; of the speed only where the slope has kSlopeRows on both sides.
+// Errors of every row of a window; of the speed only if the slope has kSlopeRows on both sides.
 void compare_window(const VerifyLog& log, std::size_t first, const Readings& r, int n_p,
                     RunErrors& errors) {
   for (std::size_t n = 1; n < r.theta_m.size(); ++n) {
