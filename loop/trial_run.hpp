@@ -5,8 +5,7 @@
 // instead: it is the run itself, noise and seed included, up to some 60,000 ticks.
 //
 //   the trial reaches the end of the run     it decides: only a loss that it shows is expected. It
-//                                            is
-//                                            one noise and one plant, so the reason becomes a note
+//                                            is one noise and one plant: the reason becomes a note
 //   the run is longer                        a loss that it shows is reported, and theory decides,
 //                                            except on reasons of a start within the trial
 //   the table of gain.policy = scheduled     the trial runs with a gain every tick; a loss that it

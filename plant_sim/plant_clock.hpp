@@ -7,11 +7,11 @@
 //   up to T_s     the clock does not move: the next tick keeps its time
 //   above T_s     a stall: stood += late, tick k is due now
 //
-// The drive is simulated: while its process does not run, its time does not pass. Ticks that a stall
-// took are not made up at once, as nobody could answer them. Where the COMMAND that is due is not
-// there after a stall, its sender may have stalled with the plant: the clock stands for one more
-// T_s, once, so that every tick leaves the sender a whole period in which the plant was awake. A
-// sender that is late while the plant is awake is not helped by this.
+// The drive is simulated: while its process does not run, its time does not pass. The ticks of a
+// stall are not made up at once, because nobody could answer them. If the due COMMAND is missing
+// after a stall, its sender may have stalled with the plant: the clock waits for one more T_s,
+// once, so that every tick leaves the sender a whole period in which the plant was awake. This does
+// not help a sender that is late while the plant is awake.
 #pragma once
 #include <algorithm>
 #include <cstdint>
@@ -31,8 +31,8 @@ class PlantClock {
     std::int64_t late_ns = 0;   // of the first wake-up
     std::int64_t stood_ns = 0;  // 0: no stall
   };
-  // Waits for the tick of drive time t_ns. wait_until(ns) returns then or later, now() gives the time,
-  // command_is_missing() is asked after a stall.
+  // Waits for the tick of drive time t_ns. wait_until(ns) returns then or later, now() gives the
+  // time, command_is_missing() is called after a stall.
   template <class WaitUntil, class Now, class CommandIsMissing>
   Begin begin(std::int64_t t_ns, WaitUntil wait_until, Now now,
               CommandIsMissing command_is_missing) {

@@ -84,7 +84,7 @@ class PlantProcess {
     }
     sent_ = k();
   }
-  // A command that is not finite is asked for again, and at the second time the last one is held.
+  // A command that is not finite is requested again; the second time the last one is held.
   bool must_ask_again(const Command& command) {
     if (is_finite(command)) return false;
     p_.bus().refuse();
@@ -158,15 +158,15 @@ class PlantProcess {
       }
     }
   }
-  // The tick that is not answered; or the last one, while the log is behind: it may have missed all
-  // of it.
+  // Repeats the unanswered tick, or the last one while the log is behind: it may have missed the
+  // whole tick.
   void repeat() {
     ++p_.status().repeats;
     p_.bus().send_again(Channel::kMeasurement, sent_);
     p_.bus().send_again(Channel::kTruth, sent_);
   }
-  // Realtime: the loop has ended; the logger may still be writing. One that writes nothing for a
-  // second is gone.
+  // Realtime: the loop has ended; the logger may still be writing. A logger that writes nothing for
+  // a second is assumed to be gone.
   void drain_log() {
     auto last = std::chrono::steady_clock::now();
     for (std::int64_t seen = acknowledged_; logged_ && acknowledged_ < k() && p_.turn(20);) {

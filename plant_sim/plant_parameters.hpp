@@ -1,4 +1,4 @@
-// [plant] of a drive file: how the plant is simulated, and what every process knows of it.
+// [plant] of a drive file: settings of the simulation, and values that every process knows.
 #pragma once
 #include "model/plant_facts.hpp"
 #include "plant_sim/integrator.hpp"
@@ -6,7 +6,7 @@
 
 namespace twinrate {
 
-// A fault that the simulated plant makes, to see what the drive does about it.
+// A fault made by the simulated plant, to test the reaction of the drive.
 enum class MadeFault : int {
   kNone,
   kCurrentNan,

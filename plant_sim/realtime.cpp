@@ -31,17 +31,18 @@ void sleep_until(std::int64_t at_ns) {
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
 }
 
-// Handles what has come, sleeps until `deadline` and handles what came meanwhile. A message does not
-// wake the plant: COMMAND is used at the next tick. A flood of messages does not hold the tick up.
+// Handles the received messages, sleeps until `deadline` and handles the messages of that time. A
+// message does not wake the plant: COMMAND is used at the next tick. A flood of messages does not
+// delay the tick.
 //
-// A CPU that sleeps to the deadline wakes late, by more than 0.1 ms at times where it is a virtual one:
-// with a realtime policy the plant is awake for the last stretch and lets its equals run. A plant that
-// is late lets them run once: SCHED_FIFO would give its CPU to no one else until it had made up for
-// the delay. Without such a policy a yield would give the CPU away for a slice of several ms.
+// A CPU that sleeps to the deadline wakes late, at times by more than 0.1 ms if it is a virtual
+// one. With a realtime policy the plant is awake for the last stretch and yields to its equals. A
+// late plant yields once: SCHED_FIFO would give its CPU to no other process until it had caught up.
+// Without such a policy a yield would give the CPU away for a slice of several ms.
 void work_until(Process& p, std::int64_t deadline, std::int64_t awake) {
   constexpr std::int64_t kLongestSleep = 10'000'000;
   const std::int64_t nap_end = deadline - awake;
-  do {  // once even where it is late: the heart beats
+  do {  // once even if it is late, for the heartbeat
     p.turn(0);
     while (now_ns() < nap_end && p.bus().handle(0)) {
     }
@@ -111,7 +112,7 @@ class RealtimePlant {
       p_.event(Reason::kOverrun, k, stalled ? text + stall_text(clock_.count()) : text);
     p_.clock_stood(begin.stood_ns);
   }
-  // After 1 s of silence every process ends all the same.
+  // After 1 s of silence every process ends in any case.
   void watch_supervisor(std::int64_t k) {
     constexpr double kTold_s = 0.02;  // less is near the slack of the witness
     const double stood_before_s = silence_.stood_s();

@@ -2,10 +2,10 @@
 //
 // At t_k: publish MEASUREMENT(k); the voltage of [t_k, t_{k+1}] is COMMAND(k - delay_samples) if it
 // has arrived by t_k, otherwise the last one is held and the miss is counted with its k. A tick
-// begun more than half a period late is a deadline miss. One begun more than a period late is a
-// stall, for which the plant's clock stands (plant_sim/plant_clock.hpp): late ticks are not made up.
-// A supervisor that was heard and is silent for safety.supervisor_ms, stalls not counted, switches
-// the drive off.
+// begun more than half a period late is a deadline miss. A tick begun more than a period late is a
+// stall, during which the plant's clock does not advance (plant_sim/plant_clock.hpp): late ticks
+// are not made up. The drive is switched off if a supervisor that was heard is silent for
+// safety.supervisor_ms, without the stalls.
 #pragma once
 #include "core/process.hpp"
 #include "plant_sim/plant.hpp"

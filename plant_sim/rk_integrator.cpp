@@ -12,8 +12,9 @@
 namespace twinrate {
 namespace {
 
-// A, rad/s. tests/plant_sim/rk_integrator_test.cpp holds the currents to 1e-8 A with these, to 2e-7 A
-// where an effect has a corner. The plain machine has none: its estimate is far above the error.
+// A, rad/s. tests/plant_sim/rk_integrator_test.cpp holds the currents to 1e-8 A with these, to 2e-7
+// A for an effect with a corner. The plain machine has no corner: its estimate is far above the
+// error.
 constexpr double kTolerance = 1e-10, kPlainTolerance = 3e-8;
 constexpr double kWeightOfAngle = 100;
 constexpr double kHardnessOfStep = 0.6;  // pair_8 is accepted about here: R_s/L T of a small motor
@@ -95,8 +96,8 @@ template <class State, class StepOver>
   x = {from.electrical[0], from.electrical[1], from.motion[0], from.motion[1]};
 }
 
-// The plain machine over a whole interval in one step; u_d, u_q at t_k. False where the step is too
-// long: x is as it was.
+// The plain machine over a whole interval in one step; u_d, u_q at t_k. False if the step is too
+// long; x is then unchanged.
 [[gnu::always_inline]] inline bool over_whole(const PlainMachine& machine, double T_load,
                                               double u_d, double u_q, PlantState& x) {
   const RkStep<PlainState> step = plain_step(machine, plain_state(x, u_d, u_q), T_load);

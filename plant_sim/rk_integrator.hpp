@@ -1,18 +1,18 @@
 // The default engine: embedded Runge-Kutta pairs on states of fixed size (plant_sim/runge_kutta.hpp)
 // with step control inside the interval.
 //
-//   step     the whole interval at first, or parts of it where T (fastest rate) exceeds 0.6; a step
-//            is accepted where its estimated error is at most the tolerance
-//   pair     order 5 where T (fastest rate) is below 0.05, else order 8
+//   step     the whole interval at first, or parts of it if T (fastest rate) exceeds 0.6; a step
+//            is accepted if its estimated error is at most the tolerance
+//   pair     order 5 if T (fastest rate) is below 0.05, else order 8
 //   plain    a machine without effects: order 8 on plant_sim/plain_machine.hpp
 //
-// The tolerance is absolute: A, rad/s and 100 times rad, as a root of squares. Where the equations
-// are smooth the true error is 10 to 100 times smaller than the estimate. At a corner (a clamped
-// dead time, the flank of a gap) the steps become small; the estimate can miss one.
+// The tolerance is absolute: A, rad/s and 100 times rad, as a root of squares. For smooth equations
+// the true error is 10 to 100 times smaller than the estimate. At a corner (a clamped dead time,
+// the flank of a gap) the steps become small; the estimate can miss one.
 //
-// Nothing is remembered between intervals but the products of the plain machine's parameters with
-// the length of the last one. Throws std::runtime_error where an interval takes more
-// than 1000 steps (stiff equations) and where the state is not finite.
+// Only the products of the plain machine's parameters with the length of the last interval are kept
+// between intervals. Throws std::runtime_error if an interval takes more than 1000 steps (stiff
+// equations) and if the state is not finite.
 #pragma once
 #include "plant_sim/integrator.hpp"
 #include "plant_sim/plain_machine.hpp"

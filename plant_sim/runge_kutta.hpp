@@ -5,7 +5,7 @@
 //   pair_8  order 8; errors e_5 and e_3 by those of 5 and 3     12 evaluations
 //
 // The error of pair_8 is |e_5|^2/sqrt(|e_5|^2 + 0.01 |e_3|^2) and falls as h^8. Both errors are
-// those of the lower orders: 10 to 100 times that of x_1 where f is smooth.
+// those of the lower orders: 10 to 100 times that of x_1 for a smooth f.
 //
 // State: a vector (+, -, times a number). f(c, x): h times the rate of x at t + c h.
 // size_squared(e): the square of an error's norm; NaN where e holds one.

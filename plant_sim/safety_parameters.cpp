@@ -17,7 +17,7 @@ constexpr double kVoltageFloor = 0.05;
 
 constexpr double kDerateSpan_K = 20;
 
-// 0 where the drive file gives none.
+// 0 if the drive file gives none.
 double controller_limit(const Config& config) {
   const std::string& kind = config.drive().controller.kind;
   return config.given_number("controller." + kind + ".i_max_A").value_or(0);

@@ -33,7 +33,7 @@ struct SafetyParameters {
   void fields(FieldVisitor& f);
 };
 
-// `hold_ticks`: plant.hold_ticks; the shorter of it and hold_ms holds.
+// `hold_ticks`: plant.hold_ticks; the shorter of it and hold_ms applies.
 SafetyLimits safety_limits(const Config& config, const SafetyParameters& p, int hold_ticks);
 CurrentLimit current_limit(const DriveConfig& drive);
 SensorLimits sensor_limits(const DriveConfig& drive, const SafetyLimits& limits);

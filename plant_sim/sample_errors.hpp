@@ -3,14 +3,14 @@
 //
 //   voltage         an earlier request acts in an interval (duty cycles, averaged)
 //   current, angle  a delay: the sensor sees the plant's own state at t_k - delay. LateState names
-//                   the moment in each interval that the plant has to catch for it. A filter: exact
-//                   for a signal that is linear between ticks
+//                   the moment in each interval at which the plant stores its state. A filter:
+//                   exact for a signal that is linear between ticks
 //   speed           the reported one, linear between ticks
-//   missing         nothing measured but the voltage, which the drive knows; fields repeat the row
-//                   before
+//   missing         nothing is measured except the voltage, which the drive knows; fields repeat
+//                   the row before
 //   stale           everything measured, with the values of the row before
 //
-// Which row it hits is a function of run.seed and k alone.
+// The affected row is a function of run.seed and k alone.
 #pragma once
 #include "model/effects/effect.hpp"
 #include "model/effects/lag.hpp"

@@ -36,7 +36,7 @@ int right_hand_side(realtype t, N_Vector y, N_Vector ydot, void* user) {
   return problem->rate(t, N_VGetArrayPointer(y), N_VGetArrayPointer(ydot)) ? 0 : 1;
 }
 
-// What both solvers share: context, state vector, problem.
+// The common parts of both solvers: context, state vector, problem.
 class Solver : public OdeSolver {
  public:
   void advance(double* x, double T) override {

@@ -15,7 +15,7 @@ struct OdeProblem {
   std::function<bool(double t, const double* x, double* dx)> rate;
 };
 
-// Made once; begins anew at each interval. A call that fails throws std::runtime_error with the
+// Created once; restarts at each interval. A failing call throws std::runtime_error with the
 // function's name and code.
 class OdeSolver {
  public:

@@ -11,11 +11,11 @@
 //   i_zero = v_dc t_d/(2 L)
 //
 // All edges are known as soon as the duties are, 4 a leg: 13 segments of constant state a period (7
-// without dead time), one more for each leg whose last fall reaches over the end of its period, and
-// nothing to search for. A leg in dead time whose current reaches zero stays there: a
-// leg that blocks has the voltage that keeps its current at zero. i_zero = v_dc t_d/(2 L) makes
-// this a decay within about t_d, which a real leg's output capacitance also takes. Pulses shorter
-// than the dead time vanish; a leg at duty 0 or 1 does not switch, whatever the period before.
+// without dead time), one more for each leg whose last fall extends beyond the end of its period,
+// and no search is needed. A leg in dead time whose current reaches zero stays there: a blocking
+// leg has the voltage that keeps its current at zero. i_zero = v_dc t_d/(2 L) makes this a decay
+// within about t_d, which a real leg's output capacitance also takes. Pulses shorter than the dead
+// time vanish; a leg at duty 0 or 1 does not switch, whatever the period before.
 #pragma once
 #include <array>
 #include <span>

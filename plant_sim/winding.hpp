@@ -1,4 +1,4 @@
-// The winding of the simulated drive: one body that its copper loss warms.
+// The winding of the simulated drive: one body heated by its copper loss.
 //
 //   tau dT/dt = T_ambient + rise (|i_dq|/i_rated)^2 - T
 //

@@ -1,12 +1,12 @@
-// The reduced current limit of state DERATE. It acts on the voltage of a command, so that it needs
-// no help of the controller, which may not know of it.
+// The reduced current limit of state DERATE. It acts on the voltage of a command, so it works
+// without the controller, which may not know of it.
 //
 //   i'  = i + T_s/L (u - R_s i - j omega_e L i - j omega_e psi_f)   predicted over the interval
-//   u'  = u                              where |i'| <= i_max
-//   u'  = u + L/T_s (i_max/|i'| - 1) i'  else: the current lands on the limit
+//   u'  = u                              if |i'| <= i_max
+//   u'  = u + L/T_s (i_max/|i'| - 1) i'  else: the current reaches the limit exactly
 //
-// d and q components, each with its own L; in the frame that the command's currents were turned
-// with. The voltage limit of the modulator comes after it.
+// d and q components, each with its own L, in the frame into which the command's currents were
+// turned. The voltage limit of the modulator follows.
 #pragma once
 #include <array>
 

@@ -1,4 +1,4 @@
-// What a drive protects itself against, and what "off" means for each fault.
+// Faults against which a drive protects itself, and the meaning of "off" for each fault.
 //
 // This folder has no I/O, no clock, no heap and no exceptions: time is counted in ticks, so the
 // same code runs in the simulated plant and in a drive's firmware.
@@ -10,13 +10,13 @@
 
 namespace twinrate {
 
-// short: the zero voltage vector, the motor brakes on its own resistance and cannot raise the bus.
-// open: all switches off; the diodes carry the current until it is zero, and rectify where the EMF
+// short: the zero voltage vector; the motor brakes on its own resistance and cannot raise the bus.
+// open: all switches off; the diodes carry the current until it is zero, and rectify if the EMF
 // between two phases is above the bus voltage.
 enum class Off : int { kShort = 0, kOpen = 1 };
 inline constexpr const char* kOffNames[] = {"short", "open"};
 
-// Faults that lead to SAFE. The order is their priority where several occur at one tick.
+// Faults that lead to SAFE. The order is their priority if several occur at one tick.
 enum class Fault : int {
   kEmergencyStop,
   kOverCurrent,

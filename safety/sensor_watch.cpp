@@ -110,7 +110,7 @@ int SensorWatch::check_position(SensorReadings& r) {
 
 [[gnu::flatten]] int SensorWatch::check(SensorReadings& r, const AppliedVoltage& applied,
                                         bool measured) {
-  // A frame that begins to be used, or jumps, tells nothing of the speed.
+  // The first angle of a frame, and a jump of it, give no speed.
   double turned = begun_ ? wrapped(applied.theta_e - theta_e_) : 0;
   if (!std::isfinite(turned)) turned = omega_e_ * limits_.T_s;
   int faults = 0;

@@ -1,4 +1,4 @@
-// SensorReadings that a healthy sensor cannot give, and what takes their place.
+// Sensor readings that a healthy sensor cannot give, and their replacement.
 //
 //   not finite       NaN or infinite
 //   jump, currents   |i - i_predicted| > kJumpMargin (T_s/L (|u| + psi_f |omega_e| + R_s |i|
@@ -10,11 +10,11 @@
 //                    an amplitude above half of i_moved
 //   jump, position   |theta_m - theta_m predicted| > step_max
 //
-// i_predicted is the last good current held in rotor axes: turned by the angle that the voltage's
-// frame has turned since. L is the smaller inductance, L_ratio the larger over the smaller one.
-// The bounds are what voltage, EMF and resistance can do to the current within one tick, with a
-// margin: a jump below them is not found here. It changes the current that the controller sees,
-// and trips as an over-current, or not at all.
+// i_predicted is the last good current, constant in rotor axes: turned by the angle by which the
+// voltage's frame has turned since. L is the smaller inductance, L_ratio the larger over the
+// smaller one. The bounds are the largest changes of the current by voltage, EMF and resistance
+// within one tick, with a margin: a jump below them is not detected here. It changes the current
+// that the controller uses, and trips as an over-current, or not at all.
 //
 // A faulty reading is replaced by its prediction until a reading within the bound comes back; the
 // bus voltage and the speed by their last good value. check() once a tick.
@@ -51,7 +51,7 @@ struct SensorReadings {
   double v_dc = 0, theta_m = 0, omega_m = 0;
 };
 
-// What the drive did over the interval that ends with the readings.
+// Actions of the drive over the interval that ends with the readings.
 struct AppliedVoltage {
   double u = 0;        // amplitude, V
   double theta_e = 0;  // angle of the frame that the command's currents were turned with

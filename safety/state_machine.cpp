@@ -21,7 +21,7 @@ void SafetyMachine::change_to(DriveState state, Reason reason, double value, dou
   state_ = state;
 }
 
-// A number that is not finite is beyond every limit.
+// A number that is not finite exceeds every limit.
 void SafetyMachine::count(const SafetyInput& in) {
   // In IDLE there is no voltage to hold: the drive waits.
   const bool waits = state_ == DriveState::kIdle;
@@ -34,7 +34,7 @@ void SafetyMachine::count(const SafetyInput& in) {
   speed_known_ = true;
 }
 
-// Of a fault that is known when this is compiled: its own comparison and no more.
+// For a fault known at compile time: its own comparison and no more.
 template <Fault fault>
 bool SafetyMachine::trips(const SafetyInput& in, double& value, double& limit) const {
   const auto above = [&](double is, double most) {

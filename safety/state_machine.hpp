@@ -31,9 +31,9 @@ namespace twinrate {
 enum class DriveState : int { kIdle, kAlign, kRun, kDerate, kSafe };
 inline constexpr const char* kDriveStateNames[] = {"IDLE", "ALIGN", "RUN", "DERATE", "SAFE"};
 
-// How the command that is due at a tick came.
+// Arrival of the command that is due at a tick.
 enum class Arrival : int { kNotDue, kInTime, kMissing, kNotFinite };
-// What it asks for.
+// The request in that command.
 enum class Asked : int { kRun, kForcedAngle, kSafe };
 
 struct SafetyInput {
@@ -67,7 +67,7 @@ class SafetyMachine {
 
   // Of tick k, before its voltage is applied. Its events stay until the next step.
   void step(const SafetyInput& in);
-  // SAFE -> IDLE. False where the state is another, or the last step's readings would trip again.
+  // SAFE -> IDLE. False in another state, or if the last step's readings would trip again.
   bool reset();
   bool may_reset() const;
 

@@ -17,8 +17,8 @@ bool is_motor_of_the_paper(const MachineParameters& m);
 
 void write_figure(const std::string& path, const std::vector<Limit>& limits,
                   const Caption& caption);
-// One figure of several sweeps of one drive, a curve for each filter and policy. Throws BadInput where a
-// directory holds no finished sweep.
+// One figure of several sweeps of one drive, a curve for each filter and policy. Throws BadInput if
+// a directory holds no finished sweep.
 void write_figure_of(const std::vector<std::string>& directories, const std::string& path);
 
 }  // namespace twinrate::sweep

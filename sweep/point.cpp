@@ -31,7 +31,7 @@ void set_verdict(const RunLog& log, const DriveConfig& drive, Point& point) {
   point.angle_error_max = summary.angle_error_max.value_or(kNaN);
 }
 
-// A drive that switched off is not locked, whatever its estimate does afterwards.
+// A drive that switched off has lost synchronism, whatever its later estimate is.
 void note_trip(const TickRecord& tick, RunLog& log) {
   const auto note = [&](Reason reason, const std::string& text, Role role) {
     if (is_trip(reason))
@@ -78,7 +78,7 @@ double switch_before(double settle_s, int n, double T_s) {
   return std::max(0.0, (std::floor((settle_s - 0.3) / T_s / n) * n - 0.5) * T_s);
 }
 
-// A new directory within `directory`; removed with what it holds.
+// A new directory within `directory`; removed with its content.
 class Scratch {
  public:
   explicit Scratch(const std::string& directory) : path_(directory + "/run-XXXXXX") {

@@ -22,16 +22,17 @@ struct Limit {
   double f_e_Hz = 0, f_s_Hz = 0;
   int n_max = 0, n_lowest = 0, n_highest = 0;  // 0: n = 1 is lost
   bool capped = false;                         // the median has no loss up to --n-max
-  int seeds = 0, seeds_capped = 0;             // of these seeds so many have no loss up to --n-max
+  int seeds = 0, seeds_capped = 0;             // number of these seeds without a loss up to --n-max
   bool complete = true;                        // the searches of all seeds are complete
   double angle_error_rms = 0;                  // at n_max, rms over the locked seeds
 
   double f_bmin_Hz() const { return f_s_Hz / n_max; }
   double ratio(int n) const { return f_s_Hz / n / f_e_Hz; }
 };
-// The part that limits n, by the largest n of two Floquet analyses: the controller, where the closed loop holds
-// less than the filter alone by more than a step or 10 %, else the filter. "-" without a limit: one of them is
-// 0 (not predicted), or the closed loop holds every n that was tried, `most_closed`.
+// The part that limits n, by the largest n of two Floquet analyses: the controller if the closed
+// loop keeps synchronism up to a smaller n than the filter alone, by more than a step or 10 %, else
+// the filter. "-" without a limit: one of them is 0 (not predicted), or the closed loop keeps it at
+// every n that was tried, up to `most_closed`.
 std::string limiting_part(int filter_alone, int closed_loop, int most_closed);
 
 std::vector<Limit> limits_of(const Plan& plan, const std::vector<Point>& points);

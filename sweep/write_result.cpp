@@ -66,13 +66,13 @@ int predicted(const Reason& r) {
   return r.closed > 0 ? r.closed : r.floquet;
 }
 
-// The part that limits n: the start, where n_max + 1 is lost from standstill and held switched on at speed;
-// else that of the Floquet analyses.
+// The part that limits n: the start, if n_max + 1 is lost from standstill and kept when switched on
+// at speed; else the part from the Floquet analyses.
 std::string limited_by(const Reason& r) {
   return r.start ? "start" : limiting_part(r.floquet, r.closed, kMaxClosed_n);
 }
 
-// `config_mutex`: the closed loop reads tables of `config`, which keeps account of what was read.
+// `config_mutex`: the closed loop reads tables of `config`, which records the read keys.
 Reason explain(const Limit& l, const std::shared_ptr<const Filter>& filter, Config& config,
                std::mutex& config_mutex) {
   const DriveConfig& d = config.drive();
@@ -137,7 +137,7 @@ bool start_limits(const Plan& plan, const DriveConfig& base, const Limit& l, con
   return run_in_process(at_speed, base, {l.policy, l.f_e_Hz, 1}, l.n_max + 1).locked;
 }
 
-// What keeps a row from being a median between two extremes, and a start that limits.
+// The reason why a row is no median between two extremes, and a start that limits.
 std::string remark(const Limit& l, const Reason& r) {
   if (r.start)
     return fmt::format(" (the start limits: switched on at speed n = {} holds)", l.n_max + 1);
@@ -150,7 +150,7 @@ std::string remark(const Limit& l, const Reason& r) {
   return "";
 }
 
-// "-" where there is no such number: a filter without a critical angle, a policy without n.
+// "-" if there is no such number: a filter without a critical angle, a policy without n.
 std::string figure(const char* format, double value) {
   return std::isnan(value) ? "-" : fmt::format(fmt::runtime(format), value);
 }

@@ -4,8 +4,7 @@
 //
 // There are two kinds of log, distinguished by the motion of the rotor under the torque:
 //   quasi-static  the inertia's torque is negligible beside the motor's: the current holds the
-//                 rotor
-//                 against cogging and friction. A holding-current map has no time at all.
+//                 rotor against cogging and friction. A holding-current map has no time at all.
 //   dynamic       the current accelerates the rotor, or its momentum carries it through the
 //                 periods of the cogging (a steady speed).
 #pragma once
