@@ -2,9 +2,9 @@
 //
 //   COMMAND(k) -> [link] -> drive -> [link] -> MEASUREMENT(k+1)
 //
-// Lock-step: the drive (an emulated one) waits for each command, and a tick ends when its next sample
-// is there. Realtime: the drive sets the pace, and nobody waits. In mode listen nothing is sent but
-// the greeting. When the bridge ends, its last frame switches the outputs off.
+// Lock-step: the drive (an emulated one) waits for each command, and a tick ends when its next
+// sample arrives. Realtime: the drive sets the pace, and nobody waits. In mode listen only the
+// greeting is sent. When the bridge ends, its last frame switches the outputs off.
 #include <fmt/format.h>
 
 #include "bridge/conversation.hpp"
@@ -62,7 +62,7 @@ class BridgeProcess {
       throw BadInput(
           "bridge.mode: control of a drive that sets its own pace: --pace realtime allowed");
   }
-  // Samples before the start, but not the one that a drive in lock-step waits with.
+  // Discards samples before the start, except the one with which a drive in lock-step waits.
   void discard() {
     if (listens_) return;
     talk_.pump(1);
@@ -83,7 +83,7 @@ class BridgeProcess {
   }
 
   // ---- samples ----
-  // `read`: what the processes may use of the sample.
+  // `read`: the part of the sample that the processes may use.
   void publish(const DriveSample& sample, const Measurement& read) {
     if (first_k_ < 0) {
       first_k_ = sample.m.k;
@@ -98,7 +98,7 @@ class BridgeProcess {
     drive_has_command_ = false;
     p_.bus().publish(to_wire(m, p_.bus().session()));
   }
-  // What comes of a drive that is only listened to is logged as it came.
+  // Samples of a drive in mode listen are logged unchanged.
   Measurement guard(const DriveSample& sample, Arrival arrival) {
     const std::int64_t resets = talk_.protocol().counts().resets;
     if (resets > resets_) guard_.restarted();
@@ -111,7 +111,7 @@ class BridgeProcess {
     for (const GuardEvent& event : guard_.take_events())
       p_.event(event.reason, std::max<std::int64_t>(k_, 0), event.text);
     const LinkCounts& c = talk_.protocol().counts();
-    // In lock-step a sample that was asked for again comes twice.
+    // In lock-step a sample that was requested again comes twice.
     const std::int64_t disturbed = c.disturbed() - (p_.lockstep() ? c.doubled : 0);
     if (disturbed == disturbed_ || now_ns() - disturbed_said_ns_ < 1'000'000'000) return;
     disturbed_ = disturbed;
@@ -180,7 +180,7 @@ class BridgeProcess {
     ++p_.status().repeats;
     p_.bus().send_again(Channel::kMeasurement, k_);
   }
-  // False where the link is lost.
+  // False if the link is lost.
   bool repeat_command() {
     const std::int64_t since = now_ns() - sent_ns_;
     guard_.silent_for(talk_.silent_ms());
@@ -221,7 +221,7 @@ class BridgeProcess {
     if (listens_) p_.progress(k_);
     if (!listens_ && guard_.is_off()) talk_.off();
   }
-  // False where the run ends.
+  // False if the run ends.
   bool watch_link() {
     constexpr double kEndOfStream_ms = 1000;
     const double silent = talk_.link().is_open() ? talk_.silent_ms() : 1e9;

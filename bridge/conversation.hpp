@@ -1,4 +1,4 @@
-// A protocol on a link: greets the drive, brings its samples, sends to it, says the last word.
+// A protocol on a link: greets the drive, receives its samples, sends to it, and ends the session.
 #pragma once
 #include <memory>
 #include <optional>
@@ -13,15 +13,15 @@ class Conversation {
  public:
   // Opens the link. Throws as open_link() and make_protocol().
   Conversation(const BridgeParameters& bridge, const DriveConfig& drive);
-  // Outputs off, where the host may have switched them on.
+  // Outputs off, if the host may have switched them on.
   ~Conversation();
 
-  // Asks until the drive answers. Throws MachineError after `patience_s`, BadInput where the drive
-  // samples at another rate than the drive file's.
+  // Repeats the question until the drive answers. Throws MachineError after `patience_s`, BadInput
+  // if the sampling rate of the drive differs from the drive file's.
   const DriveInfo& greet(bool lockstep, double patience_s);
   // From the question who the drive is to its answer, us; empty: none within `patience_ms`.
   std::optional<double> round_trip_us(double patience_ms);
-  // Waits at most this long for bytes; true where some came.
+  // Waits at most this long for bytes; true if some arrived.
   bool pump(double timeout_ms);
   std::optional<DriveSample> next() { return protocol_->next(); }
   void command(const DriveCommand& command);
@@ -33,7 +33,7 @@ class Conversation {
   const HostProtocol& protocol() const { return *protocol_; }
   Link& link() { return *link_; }
   double silent_ms() const { return 1e-6 * static_cast<double>(now_ns() - last_heard_ns_); }
-  // One line: frames, what was wrong with them, the device's clock.
+  // One line: frames, their errors, the device's clock.
   std::string account() const;
   // The same as JSON text.
   std::string to_json() const;

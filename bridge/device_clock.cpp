@@ -8,7 +8,7 @@
 namespace twinrate {
 namespace {
 
-// Twice the area of the triangle; positive where c is left of the line from a to b.
+// Twice the area of the triangle; positive if c is left of the line from a to b.
 template <class Point>
 double turn(const Point& a, const Point& b, const Point& c) {
   return static_cast<double>(b.device_us - a.device_us) *

@@ -45,7 +45,7 @@ class DeviceClock {
   bool begun_ = false, block_begun_ = false;
   std::uint32_t last_ = 0;
   std::int64_t device_us_ = 0, first_arrival_ns_ = 0;
-  Point open_;  // of the block that is not full yet
+  Point open_;  // of the incomplete block
   std::int64_t block_end_us_ = 0;
   std::deque<Point> points_;
   double drift_ = 0, late_at_0_ns_ = 0;

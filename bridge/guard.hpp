@@ -1,12 +1,12 @@
-// The host's own protection of a real drive: the state machine of safety/ over the samples that
-// come, beside the one in the drive.
+// The host's own protection of a real drive: the state machine of safety/ on the received samples,
+// in addition to the one in the drive.
 //
 //   sample     readings that a healthy sensor cannot give (safety/sensor_watch.hpp), |i|, v_dc, speed
-//   command    missing for hold_ticks (an estimator that is lost sends none), not finite, safe mode
+//   command    missing for hold_ticks (a lost estimator sends none), not finite, safe mode
 //   drive      off by itself, restarted, or driving although it was switched off
 //   link       silent for bridge.silence_ms
 //
-// Off: the host sends off frames alone. Off is latched for the rest of the run.
+// Off: the host sends only off frames. Off is latched for the rest of the run.
 #pragma once
 #include <string>
 #include <vector>

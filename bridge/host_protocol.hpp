@@ -1,5 +1,5 @@
-// What the bridge asks of a drive, whatever it speaks: bytes in, samples out; commands in, bytes out.
-// No I/O and no clock: the caller brings bytes with the time of their arrival.
+// The common interface to drives of any protocol: bytes in, samples out; commands in, bytes out. No
+// I/O and no clock: the caller provides bytes with their time of arrival.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -21,7 +21,7 @@ struct DriveSample {
   Measurement m;             // k: tick of the drive; t_ns is not set
   std::int64_t time_us = 0;  // device time without wraps
   std::int64_t arrival_ns = 0;
-  std::optional<double> sampled_us;  // device time, where it is known better than by the tick
+  std::optional<double> sampled_us;  // device time, if known better than by the tick
   std::int64_t command_seq = 0;      // of the last command that the drive took; 0: none, or unknown
   int reason = 0;                    // code of core/reason.hpp while the drive is off by itself
   bool off = false;                  // latched
@@ -49,9 +49,9 @@ struct LinkCounts {
   std::int64_t lost = 0;     // missing in the sequence
   std::int64_t doubled = 0, late = 0;
   std::int64_t resets = 0;  // of the drive
-  // Polled samples: how many had a round trip that gives their moment, and how far from its middle the
-  // moment can be by what the round trip was longer than the shortest; those with a longer one are
-  // left out.
+  // Polled samples: the number of those with a round trip that gives their moment, and the largest
+  // deviation of the moment from its middle, from the excess over the shortest round trip; samples
+  // with a longer round trip are left out.
   std::int64_t timed = 0, untimed = 0;
   double within_us = 0, within_us_most = 0;  // sum, largest
   // Samples that show the command that their tick was due for not taken yet: it acts late. And the age
@@ -71,10 +71,10 @@ class HostProtocol {
   virtual void take(std::span<const std::uint8_t> bytes, std::int64_t arrival_ns) = 0;
   // The next sample in order; a late or doubled one is counted and dropped.
   virtual std::optional<DriveSample> next() = 0;
-  // Asks for DriveInfo; `lockstep`: the drive shall wait for the command of each tick. Empty where the
-  // drive takes no question.
+  // A request for DriveInfo; `lockstep`: the drive must wait for the command of each tick. Empty if
+  // the drive takes no request.
   virtual Bytes hello(bool lockstep) = 0;
-  // Asks for a sample where the drive does not send by itself; else empty.
+  // A request for a sample, if the drive does not send by itself; else empty.
   virtual Bytes poll(std::int64_t /*now_ns*/) { return {}; }
   // A question has left.
   virtual void asked(std::int64_t /*now_ns*/) {}

@@ -116,7 +116,7 @@ class UdpLink final : public Link {
     return got;
   }
   std::int64_t write_some(const std::uint8_t* from, std::size_t size) override {
-    if (peer_.sin_port == 0) return static_cast<std::int64_t>(size);  // nobody has spoken yet
+    if (peer_.sin_port == 0) return static_cast<std::int64_t>(size);  // no message has arrived yet
     const auto sent =
         sendto(fd_, from, size, 0, reinterpret_cast<const sockaddr*>(&peer_), sizeof peer_);
     if (sent < 0 && errno == ECONNREFUSED) errno = EAGAIN;
@@ -148,7 +148,7 @@ sockaddr_in address_of(const std::string& host_port) {
 int udp_socket() {
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   if (fd < 0) fail("UDP socket");
-  const int buffer = 1 << 20;  // what the kernel grants is enough: at most 0.1 s of frames wait
+  const int buffer = 1 << 20;  // the granted size suffices: at most 0.1 s of frames wait
   setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &buffer, sizeof buffer);
   return fd;
 }
@@ -156,7 +156,7 @@ int udp_socket() {
 std::unique_ptr<Link> open_serial(const std::string& port, int baud) {
   const int fd = open(port.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (fd < 0) fail(port);
-  auto link = std::make_unique<SerialLink>(fd);  // closes it where the rest fails
+  auto link = std::make_unique<SerialLink>(fd);  // closes it if a later step fails
   if (!isatty(fd)) throw BadInput(port + ": no serial line");
   if (flock(fd, LOCK_EX | LOCK_NB) != 0)
     throw MachineError(port +
@@ -207,7 +207,7 @@ void Link::send(std::span<const std::uint8_t> bytes) {
     ++unsent_;
 }
 
-// True where nothing is kept any more.
+// True if nothing is buffered any more.
 bool Link::flush() {
   if (kept_.empty()) return true;
   const std::int64_t sent = write_some(kept_.data(), kept_.size());

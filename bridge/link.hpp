@@ -3,10 +3,10 @@
 //   /dev/ttyACM0, a pty    raw serial line at `baud`, to 4 Mbaud; held by this process alone
 //   udp://HOST:PORT        datagrams to and from one address
 //
-// Never blocks on writing. What does not fit is thrown away and counted: a drive that is off the line
-// must not stop the host, and must not get old commands when it is back. The device's end of a pty
-// keeps up to 1 MiB, in place of the buffers of a real line's driver. Throws MachineError where the line cannot be opened, BadInput where
-// its name is malformed.
+// Never blocks on writing. Bytes that do not fit are discarded and counted: a disconnected drive
+// must not stop the host, and must not get old commands when it returns. The device's end of a pty
+// keeps up to 1 MiB, in place of the buffers of a real line's driver. Throws MachineError if the
+// line cannot be opened, BadInput if its name is malformed.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -43,8 +43,8 @@ class Link {
 
 std::unique_ptr<Link> open_link(const std::string& port, int baud);
 
-// The device's end: a new pty with the symbolic link `path` to it, which is removed at
-// the end. Throws BadInput where the name is taken by something else than a symbolic link.
+// The device's end: a new pty with the symbolic link `path` to it, which is removed at the end.
+// Throws BadInput if the name is taken by something other than a symbolic link.
 std::unique_ptr<Link> make_pty(const std::string& path);
 // Receives at HOST:PORT; sends to the last sender.
 std::unique_ptr<Link> listen_udp(const std::string& host_port);

@@ -5,19 +5,19 @@
 // are those of the moment; the mean over a tick is made from the moments at both of its ends, in rotor
 // axes.
 //
-// The counter does not say when within its millisecond a register was read. Listening, the host asks
-// once a tick, and the moment of a sample is the middle of its round trip, in the time of the drive:
-// host time, unless the counter shows that the drive is emulated at another pace. A sample whose round
-// trip is longer than the shortest of late by 2 kLoose of a tick, and by kTail times the mean, is left out. The first kTimedFrom
-// blocks of the clock give the pace and no sample. Controlling, the tick is that of the
-// counter: rates.f_s_Hz is 1000 at most.
+// The counter does not show when within its millisecond a register was read. In mode listen the
+// host asks once a tick, and the moment of a sample is the middle of its round trip, in the time of
+// the drive: host time, unless the counter shows that the drive is emulated at another pace. A
+// sample is left out if its round trip exceeds the shortest recent one by 2 kLoose of a tick and by
+// kTail times the mean. The first kTimedFrom blocks of the clock give the pace and no sample. In
+// mode run the tick is that of the counter: rates.f_s_Hz is 1000 at most.
 //
-// Control sends the torque 3/2 n_p psi_f i_q* in position mode with both gains scaled to 0, where the
-// watchdog acts, or (bridge.without_watchdog) u_d, u_q in mode 8, where there is none.
+// Control sends the torque 3/2 n_p psi_f i_q* in position mode with both gains scaled to 0, where
+// the watchdog acts, or (bridge.without_watchdog) u_d, u_q in mode 8, which has no watchdog.
 //
 // The debug UART (servo.emit_debug = 13) sends 0x5a and three 16-bit words each control period:
-// encoder / 2^16 turns, i_d and i_q in 100/32767 A. No time and no checksum: a frame counts where the
-// next one begins with 0x5a too, and a lost frame is not seen.
+// encoder / 2^16 turns, i_d and i_q in 100/32767 A. No time and no checksum: a frame counts if the
+// next one begins with 0x5a, too. A lost frame is not detected.
 #pragma once
 #include <deque>
 
@@ -52,7 +52,7 @@ class MoteusHost final : public HostProtocol {
   DriveInfo info_in(int mode) const;
   void take_values(const MoteusFrame& frame, Measurement& m);
   bool times_samples() const { return bridge_.mode == BridgeMode::kListen; }
-  // False where the moment is not known.
+  // False if the moment is unknown.
   bool time_sample(DriveSample& sample, const std::optional<RoundTrips::Moment>& trip);
   double host_per_drive() const;
   std::int64_t counted_us(std::uint32_t us, std::int64_t read_ns);

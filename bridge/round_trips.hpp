@@ -1,11 +1,11 @@
-// When a drive that is asked has read what it answers: the middle of the round trip.
+// Moment at which a polled drive has read the values of its answer: the middle of the round trip.
 //
-// The moment lies within half of the round trip of that middle. Where question and answer take their
-// least times in each round trip, the middle is off by a constant; what a round trip is longer than
-// the shortest one of late, the moment can be off more.
+// The moment is within half of the round trip of that middle. If question and answer take their
+// least times in each round trip, the middle is off by a constant. The excess of a round trip over
+// the shortest recent one can add to the error.
 //
-// An answer does not say to which question. A question that follows another one that was not answered
-// makes the next answers doubtful, until the line has been quiet for kLost_ns.
+// An answer does not identify its question. A question after an unanswered one makes the next
+// answers doubtful, until the line has been quiet for kLost_ns.
 #pragma once
 #include <algorithm>
 #include <cstdint>
@@ -37,8 +37,8 @@ class RoundTrips {
 
   struct Moment {
     std::int64_t read_ns;  // of the host
-    double within_ns;      // half of what the round trip was longer than the shortest of late
-    double usual_ns;       // the median of it, of late: a few stalls of the host do not move it
+    double within_ns;      // half of the excess over the shortest recent round trip
+    double usual_ns;       // the recent median of it: a few stalls of the host do not change it
   };
   // Empty: to which question is not known.
   std::optional<Moment> answered(std::int64_t now_ns) {

@@ -51,7 +51,7 @@ void TwinrateHost::take_info(const twp_frame& f) {
                     .lost_frames = i.lost_frames};
 }
 
-// Whether a sample of this number comes next; counts what is wrong with it.
+// True if a sample with this number is the next one; counts its errors.
 bool TwinrateHost::in_order(std::uint32_t seq) {
   if (!begun_) {
     begun_ = true;
@@ -85,7 +85,7 @@ bool TwinrateHost::in_order(std::uint32_t seq) {
   return true;
 }
 
-// The command of tick k acts in time where it is taken before SAMPLE(k + delay) leaves.
+// The command of tick k acts in time if it is taken before SAMPLE(k + delay) leaves.
 void TwinrateHost::note_answer(std::uint32_t command_seq) {
   const std::int32_t age = twp_difference(sent_, command_seq);
   if (first_command_ == 0 || twp_difference(command_seq, first_command_) < 0 || age < 0 ||
@@ -147,7 +147,7 @@ Bytes TwinrateHost::hello(bool lockstep) {
   f.header.type = TWP_HELLO;
   f.body.hello.abilities =
       static_cast<std::uint16_t>((lockstep ? TWP_LOCKSTEP : 0) | (float64_ ? TWP_CAN_FLOAT64 : 0));
-  Bytes wire{0};  // ends what a former host left on the line
+  Bytes wire{0};  // ends the remainder of a former host's bytes on the line
   const Bytes frame = written(f);
   wire.insert(wire.end(), frame.begin(), frame.end());
   return wire;

@@ -13,7 +13,7 @@
 
 namespace twinrate {
 
-// A voltage vector goes to a drive that takes duties alone as duties, by the bus voltage of its last
+// A drive that accepts only duties gets a voltage vector as duties, by the bus voltage of its last
 // sample.
 class TwinrateHost final : public HostProtocol {
  public:
@@ -56,7 +56,7 @@ class TwinrateHost final : public HostProtocol {
   bool begun_ = false;
   std::uint32_t sent_, first_question_;  // INFO answers one from first_question_ to sent_
   std::uint32_t last_seq_ = 0, last_time_us_ = 0;
-  bool lockstep_ = false;                  // asked for
+  bool lockstep_ = false;                  // requested
   std::int64_t k_ = 0, restarted_at_ = 0;  // tick of the last sample; that of tick 0 of the drive
   int old_in_a_row_ = 0;
   double v_dc_ = 0;  // of the last sample

@@ -52,7 +52,7 @@ struct AngleDomainParameters {
 struct LoopModel {
   double R_s = 0, L_q = 0, K_t = 0, J = 0, B = 0;
   double K_pp = 0, K_iq = 0, K_omega = 0, K_p = 0;
-  double T_d = 0;  // from a sample to the middle of the voltage it asked for
+  double T_d = 0;  // from a sample to the middle of the voltage that it determines
   std::complex<double> voltage_for_torque(double omega) const;  // g(j omega), normalised u per Nm
   std::complex<double> speed_for_torque(double omega) const;    // H(j omega) with kappa = 1
 };
@@ -68,7 +68,7 @@ class AngleDomain {
   // Forgets the sample before; the next step starts a new block.
   void restart() { running_ = false; }
 
-  // The table learnt so far, as the config writes it.
+  // The table learnt so far, in the form of the config.
   AngleDomainParameters learnt() const;
   int blocks() const { return blocks_; }  // measured and used
   Complex kappa(double omega) const;      // identified correction of H at a frequency

@@ -18,7 +18,7 @@ struct ControllerInput {
   const Measurement& measurement;
   const Estimate& estimate;
   const Reference& reference;
-  const Truth* truth = nullptr;  // only where controller.angle_source = "truth"
+  const Truth* truth = nullptr;  // only with controller.angle_source = "truth"
 };
 
 // Something a person should read, once (mode changes).
@@ -38,7 +38,7 @@ class Controller {
   virtual void follow_compensation(const Profile& /*compensation*/) {}
   // The mode change of the last step, if there was one.
   virtual ControllerEvent take_event() { return {}; }
-  // Parameters learnt while running, as TOML tables for a drive file; "" where there are none.
+  // Parameters learnt while running, as TOML tables for a drive file; "" if there are none.
   virtual std::string learnt() const { return ""; }
 };
 
@@ -52,7 +52,7 @@ class ControllerBuilder {
   virtual std::unique_ptr<Controller> build(const DriveConfig& config) const = 0;
 };
 
-// Null where there is no such kind.
+// Null if there is no such kind.
 std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind);
 // With the defaults of this drive.
 std::unique_ptr<ControllerBuilder> controller_builder(std::string_view kind,

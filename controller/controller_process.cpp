@@ -1,9 +1,9 @@
 // The control law as a process.
 //
-// The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless
-// reference.from_bus says that another process publishes it. A tick that arrives again is answered
-// from memory. Only ESTIMATE wakes the process: the other inputs of a tick are there before it, or
-// waited for after it.
+// The reference comes from the config's profile and is published as DRIVE_REFERENCE, unless another
+// process publishes it (reference.from_bus). A tick that arrives again is answered from memory.
+// Only ESTIMATE wakes the process: the other inputs of a tick arrive before it, or are waited for
+// after it.
 #include "controller/controller_process.hpp"
 
 #include <fmt/format.h>
@@ -154,7 +154,7 @@ class ControllerProcess {
   std::optional<Effects> known_;                         // of the last that came
   bool drive_is_off_ = false;
   std::deque<std::int64_t> resets_;     // that the drive file plans
-  std::int64_t restart_k_ = INT64_MAX;  // tick of a reset that is coming
+  std::int64_t restart_k_ = INT64_MAX;  // tick of a pending reset
 };
 
 }  // namespace

@@ -21,7 +21,7 @@ using MakeController = std::function<std::unique_ptr<Controller>(Config&, Begin)
 // `program`: its name in messages. Returns the exit code.
 int run_controller(const char* program, int argc, char** argv, const MakeController& make);
 
-// For run_controller(): makes a Law from the drive file, behind the guard of guarded.hpp.
+// For run_controller(): creates a Law from the drive file, behind the guard of guarded.hpp.
 template <class Law>
 std::unique_ptr<Controller> own_controller(Config& config, Begin) {
   return std::make_unique<Guarded>(std::make_unique<Law>(config));

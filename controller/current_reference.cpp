@@ -18,7 +18,7 @@ double mtpa_amplitude(const MachineParameters& machine, double i_q) {
   return std::copysign(std::hypot(i_d, i_q), i_q);
 }
 
-// Newton's rule; the torque grows with I_s, and at least as fast as the magnets' share of it.
+// Newton's rule; the torque grows with I_s, at least as fast as the magnets' part of it.
 double mtpa_for_torque(const MachineParameters& machine, double T) {
   const double K_t = machine.torque_constant(), dL = machine.L_q - machine.L_d;
   const auto torque = [&](double I_s) {

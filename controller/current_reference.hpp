@@ -5,7 +5,7 @@
 //   i_d     = [psi_f - sqrt(psi_f^2 + 8 dL^2 I_s^2)]/(4 dL)          0 where dL = 0
 //   i_q     = sign(I_s) sqrt(I_s^2 - i_d^2)
 //
-// Field weakening, with u_max = v_dc/sqrt3; |u_ref| is the voltage that the current loop asks for,
+// Field weakening, with u_max = v_dc/sqrt3; |u_ref| is the voltage requested by the current loop,
 // before its limit:
 //
 //   i_d_fw' = -omega_fw/(max(|omega_e|, omega_0) L_d) (|u_ref| - margin u_max)
@@ -55,7 +55,7 @@ class FieldWeakening {
   FieldWeakening(const FieldWeakeningParameters& p, const MachineParameters& machine, double i_max,
                  double T_s);
   double i_d() const { return i_d_; }
-  // `u_ref`: amplitude asked for in this tick.
+  // `u_ref`: amplitude requested in this tick.
   void update(double u_ref, double u_max, double omega_e);
 
  private:

@@ -65,7 +65,7 @@ double Foc::predicted_load(const ControllerInput& in, const Frame& frame) const 
                     machine_.n_p);
 }
 
-// Voltage that the inverter is asked for in addition, so that `u_dq` reaches the machine.
+// Additional voltage requested from the inverter, so that `u_dq` reaches the machine.
 Vec2 Foc::predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                                  const Vec2& u_dq) const {
   if (!p_.compensate_effects || on_voltage_.empty()) return Vec2::Zero();

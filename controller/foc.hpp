@@ -83,7 +83,7 @@ class Foc final : public Controller {
   Vec2 predicted_voltage_loss(const ControllerInput& in, const Frame& frame,
                               const Vec2& u_dq) const;
   Vec2 closed_loop_reference(const ControllerInput& in, const Frame& frame);
-  // Current that is fed forward to the speed loop, and takes over a change of what is fed.
+  // Current of the feed-forward of the speed loop; takes over a change of the compensation.
   double load_current(const ControllerInput& in, const Frame& frame);
   double predicted_load(const ControllerInput& in, const Frame& frame) const;
   Vec2 feed_forward(const Vec2& i_dq, double omega_e) const;
@@ -104,7 +104,7 @@ class Foc final : public Controller {
   int speed_ticks_ = 0;              // since the speed loop's last step
   Vec2 i_dq_wanted_ = Vec2::Zero();  // of the speed loop, before field weakening
   ControllerEvent event_;
-  Command command_;           // the last one: repeated where an input is not finite
+  Command command_;           // the last one: repeated for an input that is not finite
   Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame it was made in
   double i_d_handover_ = 0;   // d current taken over from the I/f ramp, faded out
 };

@@ -6,7 +6,7 @@
 namespace twinrate {
 namespace {
 
-// One sum of squares: not finite where one of them is not.
+// One sum of squares: not finite if one of them is not.
 bool finite(const Measurement& m) {
   return std::isfinite(m.i_abc.squaredNorm() + m.v_dc * m.v_dc);
 }

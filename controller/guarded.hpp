@@ -1,6 +1,6 @@
 // A controller whose command is always finite.
 //
-// Safe mode with zero voltage, from the tick on and for good, with an event, where
+// Safe mode with zero voltage, from the tick on and permanently, with an event, if
 //   command_not_finite   the inner controller returns a number that is not finite
 //   input_not_finite     measurement or estimate are not finite for kHoldTicks in a row; before
 //                        that the inner controller decides (it repeats its last command)

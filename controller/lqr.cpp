@@ -25,13 +25,13 @@ LoopModel loop_model(const DriveConfig& c, const LqrDesign& d) {
           .T_d = (c.plant.delay_samples + 0.5) * c.T_s()};
 }
 
-// Square of the least share of i_max that is left to i_q.
+// Square of the least share of i_max that remains for i_q.
 constexpr double kLeastTorqueCurrent = 0.1 * 0.1;
 constexpr const char* kSwitched[] = {"compensation off", "compensation: estimated load fed forward",
                                      "compensation: learnt over the angle",
                                      "compensation: estimated load fed forward"};
 
-// The current of alignment and ramp: 0 stands for i_max.
+// The current of alignment and ramp: 0 means i_max.
 double i_start(const LqrParameters& p) {
   return p.startup.i_start > 0 ? std::min(p.startup.i_start, p.i_max) : p.i_max;
 }

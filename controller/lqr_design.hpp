@@ -51,14 +51,14 @@ struct LqrDesignParameters {
 struct AxisDesign {
   std::vector<std::string> states;
   Eigen::MatrixXd A, B;  // continuous
-  Eigen::VectorXd Q;     // diagonal weights; empty where gains are given
+  Eigen::VectorXd Q;     // diagonal weights; empty if gains are given
   double R = 1;
   DiscreteLqrProblem problem;  // A_d, B_d always; the cost only with weights
   Eigen::RowVectorXd K;
   double residual = 0;
   int iterations = 0;
   std::vector<std::complex<double>> poles;  // of z
-  std::vector<std::string> complaints;      // inconsistencies; empty where there are none
+  std::vector<std::string> complaints;      // inconsistencies; empty if there are none
 };
 
 struct LqrDesign {
@@ -82,9 +82,9 @@ struct NearestWeights {
 };
 NearestWeights nearest_weights(const AxisDesign& axis, double T_s);
 
-// The Q (for R = 1) whose continuous optimum has its poles at -2 pi f_i: from
-// a(s)a(-s) + sum Q_i b_i(s)b_i(-s) = product(omega_i^2 - s^2). A negative entry says that the
-// poles asked for are slower together than the open loop.
+// The Q (for R = 1) whose continuous optimum has its poles at -2 pi f_i: from a(s)a(-s) + sum Q_i
+// b_i(s)b_i(-s) = product(omega_i^2 - s^2). A negative entry means that the requested poles are
+// slower together than the open loop.
 Eigen::VectorXd weights_of_bandwidths(const AxisDesign& axis, const std::vector<double>& f_Hz);
 
 }  // namespace twinrate

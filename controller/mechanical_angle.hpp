@@ -1,8 +1,8 @@
-// The rotor's mechanical angle as the drive gives it to a controller.
+// The rotor's mechanical angle for a controller.
 //
-//   theta_m = that of the position sensor   where the filter uses it, or angle_source = "measured"
+//   theta_m = that of the position sensor   if the filter uses it, or angle_source = "measured"
 //   theta_m = the true one                  angle_source = "truth"
-//   theta_m = theta_e/n_p, counted on       else: the estimate turns on from pole pair 0, so effects
+//   theta_m = theta_e/n_p, counted on       else: the estimate starts in pole pair 0, so effects
 //                                           whose order is no multiple of n_p fit one start in n_p
 #pragma once
 #include "controller/controller.hpp"

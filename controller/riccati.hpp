@@ -47,7 +47,7 @@ struct RiccatiSolution {
   bool converged = false;  // and A - B K is stable
 };
 
-// Where the pair is not stabilisable or the weights are not detectable, `converged` is false.
+// If the pair is not stabilisable or the weights are not detectable, `converged` is false.
 RiccatiSolution solve_riccati(const DiscreteLqrProblem& p);
 
 // Eigenvalues of A - B K.
@@ -57,7 +57,7 @@ std::vector<std::complex<double>> closed_loop_poles(const Eigen::MatrixXd& A,
 
 // Margins of the loop opened at the (single) plant input, with `delay` further samples in it.
 struct Margins {
-  double gain_up = 0, gain_down = 0;  // factors; infinite (0) where there is none
+  double gain_up = 0, gain_down = 0;  // factors; infinite (0) if there is none
   double phase_rad = 0, crossover_rad_s = 0;
 };
 Margins margins(const Eigen::MatrixXd& A_d, const Eigen::MatrixXd& B_d, const Eigen::MatrixXd& K,

@@ -12,10 +12,10 @@ constexpr double kOverload = 1.5;       // i_max over the rated current
 constexpr double kSettled = 5;          // of 90 deg, exp(-5) leaves 0.6 deg
 constexpr double kLongestAlign_s = 10;  // the largest value of the key
 
-// Of psi_f/(L_q - L_d), the i_start that leaves no active flux. The flux that is left makes the EMF of the
-// hand-over and the stiffness i (1 - share), whose largest value is at 0.5; a larger share carries more
-// load. Kim's motor, lqr, four loads and two rotor angles: eemf locks 5 of 8 starts with 0.9, 8 with
-// 0.65, 6 with 0.5.
+// Of psi_f/(L_q - L_d), the i_start without active flux. The remaining flux makes the EMF of the
+// hand-over and the stiffness i (1 - share), which is largest at 0.5; a larger share carries more
+// load. Kim's motor, lqr, four loads and two rotor angles: eemf locks 5 of 8 starts with 0.9, 8
+// with 0.65, 6 with 0.5.
 constexpr double kStartCurrent = 0.65;
 
 PerUnit base_of(const DriveConfig& c) {
@@ -32,8 +32,8 @@ double speed_bandwidth(const DriveConfig& c, double current_bandwidth) {
 //   J s^2 + D s + k,  D = 3/2 n_p^2 psi_f^2 R_s/(R_s^2 + omega_n^2 L_q^2)
 //   k = n_p K_t i (1 - (L_q - L_d) i/psi_f),  with L_q > L_d
 //
-// D is the damping by the currents that the rotor's EMF drives through R_s and L_q, at
-// omega_n^2 = k/J, or at rest where it is overdamped.
+// D is the damping by the currents that the rotor's EMF drives through R_s and L_q, at omega_n^2 =
+// k/J, or at rest if the motion is overdamped.
 double settling_rate(const MachineParameters& m, double i) {
   const double flux_left = 1 - std::max(0.0, m.L_q - m.L_d) * i / m.psi_f;
   const double k = m.n_p * m.torque_constant() * i * flux_left, flux = m.n_p * m.psi_f;
@@ -44,7 +44,7 @@ double settling_rate(const MachineParameters& m, double i) {
   return (D_rest - std::sqrt(D_rest * D_rest - 4 * m.J * k)) / (2 * m.J);
 }
 
-// i_start 0 stands for i_max.
+// i_start 0 means i_max.
 void scale(StartupParameters& p, const DriveConfig& c, double i_max) {
   const MachineParameters& m = c.machine;
   if (m.L_q > m.L_d) p.i_start = kStartCurrent * m.psi_f / (m.L_q - m.L_d);

@@ -1,4 +1,4 @@
-// Checks from the signals of the controller whether the estimate still turns with the rotor.
+// Checks from the signals of the controller that the estimate turns with the rotor.
 //
 // EMF consistency, in the estimated rotor axes:
 //
@@ -11,15 +11,15 @@
 //   nis   = LP(|innov|^2)/(2 innovation_A^2)
 //   share = sqrt(LP(|innov|^2))/(T_s psi_f max(|omega_e|, omega_min)/L_q)
 //
-// share: of the EMF that one tick leaves without an explanation. An angle error delta leaves
-// 2 sin(delta/2), 1.4 at 90 deg; the limit is kShare. A load step that the filter does not know
-// makes innovations far above the noise, at a small share: on dilys2021 a step of half the rated
-// load keeps nis above 10 for 15 ms, at a share that does not stay above 0.24 for 10 ms; in a stall
-// with foc it stays above 1 for 15 ms.
+// share: part of the EMF that one tick leaves unexplained. An angle error delta leaves 2
+// sin(delta/2), 1.4 at 90 deg; the limit is kShare. A load step unknown to the filter makes
+// innovations far above the noise, at a small share: on dilys2021 a step of half the rated load
+// keeps nis above 10 for 15 ms, at a share that does not stay above 0.24 for 10 ms; in a stall with
+// foc it stays above 1 for 15 ms.
 //
-// LP is a first-order low-pass. Synchronism is lost where r > emf_limit, or nis > nis_limit and
-// share > kShare, without interruption for t_lost_s; the controller then reports lost_synchronism
-// and reacts. Near standstill r contains little information; there the innovation decides.
+// LP is a first-order low-pass. Synchronism is lost if r > emf_limit, or nis > nis_limit and share
+// > kShare, without interruption for t_lost_s; the controller then reports lost_synchronism and
+// reacts. Near standstill r contains little information; there the innovation decides.
 #pragma once
 #include "model/fields.hpp"
 #include "model/machine.hpp"
@@ -27,7 +27,7 @@
 
 namespace twinrate {
 
-// What follows a loss: controller/watched.hpp.
+// The reaction to a loss: controller/watched.hpp.
 enum class SyncLost : int { kOff = 0, kStop = 1 };
 inline constexpr const char* kSyncLostNames[] = {"off", "stop"};
 
@@ -57,9 +57,9 @@ class Synchronism {
  public:
   static constexpr double kShare = 0.5;
   Synchronism(const SynchronismParameters& p, const MachineParameters& machine, double T_s);
-  // One tick in mode run; true where synchronism has been lost. u_dq: applied over the last period.
+  // One tick in mode run; true if synchronism is lost. u_dq: applied over the last period.
   bool lost(const Estimate& e, const Vec2& i_dq, const Vec2& u_dq, double omega_e);
-  // The mode is another: begin anew.
+  // The mode has changed: restart.
   void reset();
 
   double emf_residual() const { return r_; }

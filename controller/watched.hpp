@@ -1,5 +1,5 @@
-// A controller whose estimate is watched (controller/synchronism.hpp), and what it does once the
-// synchronism is lost, for good, until a reset:
+// A controller whose estimate is watched (controller/synchronism.hpp), and its reaction to a loss
+// of synchronism, which lasts until a reset:
 //
 //   off    safe mode, zero voltage
 //   stop   a current vector i_start turns on from the estimated angle, with the last estimated
@@ -7,7 +7,7 @@
 //          the I/f ramp; the vector is then constant for t_align_s, and safe mode follows. The rotor
 //          follows the vector once it is slow enough, or stays where it stalled.
 //
-// Watched in mode run with the angle of the estimate; another mode begins anew. Without
+// Watched in mode run with the angle of the estimate; another mode restarts it. Without
 // synchronism.watch a controller is not wrapped.
 #pragma once
 #include "controller/controller.hpp"

@@ -1,13 +1,13 @@
-// Whether a filter agrees with itself: with the EMF that voltages and currents show, and with its own
+// Agreement of a filter with itself: with the EMF from voltages and currents, and with its own
 // innovations. Until then the background computes a gain every tick (rates.n_from = "locked").
 //
 // The flux of a salient machine is L_q i plus a vector on the d axis, so its EMF, over one period in
 // the axes that the estimate gives the middle of the period, is
 //
 //   e     = R(-theta_mid) [u - R_s (i_k + i_{k-1})/2 - L_q (i_k - i_{k-1})/T_s]
-//         = [0; omega_e psi_a],  psi_a = psi_f + (L_d - L_q) i_d          where the angle is right
+//         = [0; omega_e psi_a],  psi_a = psi_f + (L_d - L_q) i_d          if the angle is right
 //
-// What the filter's prediction of the currents lacks, as a voltage in the same axes:
+// The innovation of the currents as a voltage in the same axes:
 //
 //   v     = [L_d innov_d; L_q innov_q]/T_s
 //
@@ -51,7 +51,7 @@ class Agreement {
   bool agreed_ = false, has_sample_ = false;
   Vec2 i_before_ = Vec2::Zero();
   double theta_e_before_ = 0;
-  double turned_ = 0, expected_ = 0;  // over the turn so far: rad, and sums, V
+  double turned_ = 0, expected_ = 0;  // over the present turn: rad, and sums, V
   Vec2 emf_ = Vec2::Zero(), unexplained_ = Vec2::Zero();
 };
 

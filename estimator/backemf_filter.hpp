@@ -62,7 +62,7 @@ struct BackEmfParameters {
   }
 };
 
-// Angle and speed of the rotor at the start where they are known (flying start), else 0.
+// Angle and speed of the rotor at the start if they are known (flying start), else 0.
 struct KnownStart {
   double theta_e = 0, omega_e = 0;
 };

@@ -52,7 +52,7 @@ inline Gain first_gain(std::span<const double> P0_diag, int n_y) {
   return gain;
 }
 
-// Makes `gain` that of a snapshot; where it would not be finite K and P are kept.
+// Makes `gain` that of a snapshot; if the result is not finite, K and P are kept.
 template <class GainMatrix, class Covariance>
 void set_gain(Gain& gain, const Estimate& snapshot, const GainMatrix& K, const Covariance& P) {
   gain.k = snapshot.k;
@@ -81,7 +81,7 @@ CovarianceModel model_of(const Eigen::Matrix<double, NX, NX>& F,
           Eigen::Map<const Eigen::Matrix<double, NY, 1>>(tuning.R_diag)};
 }
 
-// The covariance to start from: P_0 where `previous` belongs to a filter of another size.
+// The covariance at the start: P_0 if `previous` belongs to a filter of another size.
 template <int NX, int NY>
 Eigen::Matrix<double, NX, NX> covariance_before(const Gain& previous,
                                                 const EkfTuning<NX, NY>& tuning) {

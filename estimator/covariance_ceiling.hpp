@@ -2,16 +2,16 @@
 //
 // At standstill an EMF shows no angle, and a harmonic of the angle is a constant: their variances
 // grow with every update, without bound. When the drive then starts, the gain is that of a filter
-// that knows nothing, and one sample throws the state away. The ceiling ends the growth:
+// without knowledge, and one sample overwrites the state. The ceiling ends the growth:
 //
 //   P_max_i = kMargin max(P0_ii, P_ii(omega))      P(omega): after many updates at this speed
 //   P      <- D P D,  D_ii = min(1, sqrt(P_max_i/P_ii))
 //
-// D P D is symmetric and positive definite where P is, with the correlations of P. A covariance below
-// the ceiling keeps its bits. The two states of a pair that turns have the same ceiling.
+// D P D is symmetric and positive definite if P is, with the correlations of P. A covariance below
+// the ceiling keeps its bits. The two states of a turning pair have the same ceiling.
 //
-// A filter without a covariance model or a steady state has no ceiling, nor has a filter's form
-// without voltages.
+// A filter without a covariance model or a steady state has no ceiling; nor has the form of a
+// filter without voltages.
 #pragma once
 #include "estimator/filter.hpp"
 

@@ -18,7 +18,7 @@
 
 namespace twinrate {
 
-// Takes `x` over into the state. Where it is not finite: `x_prior`, where that is finite.
+// Takes `x` over into the state; if it is not finite, `x_prior`, if that is finite.
 template <class State, class Prior, class Output>
 Correction take_over(FastState& state, const State& x, const Prior& x_prior, const Output& innov) {
   Correction correction;
@@ -41,8 +41,8 @@ inline Estimate turned(const Estimate& snapshot, int pairs, double angle) {
   return e;
 }
 
-// N_EXTRA: 0, or 2 numbers that travel behind the state in x_hat: u_dq of the last period, which the
-// background needs.
+// N_EXTRA: 0, or 2 numbers after the state in x_hat: u_dq of the last period, which the background
+// needs.
 template <int NX, int NY, int N_EXTRA = 0>
 class Ekf : public Filter {
  public:

@@ -106,7 +106,7 @@ FastState EkfDisturbance::start(const Measurement& first) const {
 
 Correction EkfDisturbance::fast_step(FastState& state, const Measurement& m,
                                      const Gain& gain) const {
-  if (state.reduced == has_voltage(m)) {  // voltages came or went: the other form begins anew
+  if (state.reduced == has_voltage(m)) {  // voltages came or went: the other form starts
     state = start(m);
     return {};
   }

@@ -70,7 +70,7 @@ struct EkfHarmonicParameters {
 
 class EkfHarmonic final : public Filter {
  public:
-  // As many states as there are orders, without allocation.
+  // A state for each order, without allocation.
   using State = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStates, 1>;
   using Covariance =
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxStates, kMaxStates>;

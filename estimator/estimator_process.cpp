@@ -1,9 +1,9 @@
 // The fast correction loop as a process.
 //
-// Lock-step: the tick waits for the gain it plans to use, so the result does not depend on
-// scheduling. While it waits it repeats the snapshot the gain is computed from; samples that a log
-// player sends meanwhile queue up. Realtime: nobody waits, the older gain is held and counted; one
-// older than gain.max_age_ticks gives way to the table over speed.
+// Lock-step: the tick waits for the gain that it plans to use, so the result does not depend on
+// scheduling. Meanwhile it repeats the snapshot of that gain, and samples from a log player queue
+// up. Realtime: nobody waits, the older gain is held and counted; a gain older than
+// gain.max_age_ticks is replaced by the table over speed.
 #include "estimator/estimator_process.hpp"
 
 #include <fmt/format.h>
@@ -51,14 +51,14 @@ class EstimatorProcess {
 
  private:
   static constexpr std::size_t kQueueLimit =
-      4096;  // samples; beyond it the gain process is taken for gone
+      4096;  // samples; beyond it the gain process is assumed gone
 
   Waiting missing() const {
     if (waiting_.empty())
       return {fmt::format("MEASUREMENT({})", last_.k + 1), Patience::kForMeasurement, Role::kPlant};
     return {fmt::format("GAIN for tick {}", waiting_.front().k), Patience::kForGain, Role::kGain};
   }
-  // What the filter can do of policies and compensations; builds the table that they need.
+  // Checks that the filter supports policy and compensation; builds the table that they need.
   void check(const SteeredDrive& wanted, std::int64_t k) {
     const auto filter = make_filter(p_.config());
     for (const GainPolicy policy : wanted.policies_from(k)) {
@@ -80,7 +80,7 @@ class EstimatorProcess {
     restarted_k_ = -1;
     p_.event(Reason::kEstimatorReset, k, "the sequence started again: the filter restarted");
   }
-  // The drive leaves SAFE: its rotor may stand anywhere.
+  // The drive leaves SAFE: its rotor angle is unknown.
   std::string reset_at(std::int64_t k) {
     if (!drive_is_off_) return "the drive is not off";
     restart_k_ = k;
@@ -109,8 +109,8 @@ class EstimatorProcess {
     waiting_.push_back(m);
     tick_while_ready();
   }
-  // A gain answers a snapshot of this process. One that is not plausible is asked for again, and at
-  // the second time the older gain is held.
+  // A gain answers a snapshot of this process. An implausible one is requested again; the second
+  // time the older gain is held.
   void take_gain(const Gain& gain) {
     const bool later = p_.bus().bound() && !p_.options().follow && gain.k > last_.k;
     const bool answers = gain.k >= 0 && is_snapshot(gain.k, fast_.rate_at(gain.k));
@@ -208,7 +208,7 @@ class EstimatorProcess {
   bool drive_is_off_ = false;
   std::int64_t restarted_k_ = -1;
   std::deque<std::int64_t> resets_;                      // that the drive file plans
-  std::int64_t restart_k_ = INT64_MAX;                   // tick of a reset that is coming
+  std::int64_t restart_k_ = INT64_MAX;                   // tick of a pending reset
   std::int64_t not_plausible_k_ = -1, given_up_k_ = -1;  // snapshots
   GainPolicy policy_ = GainPolicy::kPaper;
   std::shared_ptr<const GainSchedule> schedule_;  // for a change to policy scheduled

@@ -3,8 +3,9 @@
 //   L_d i_d' = u_d - R_s i_d + omega_e L_q i_q                                        Niewiara (10)
 //   L_q i_q' = u_q - R_s i_q - omega_e (L_d i_d + psi_f)                                       (11)
 //
-// With omega_e constant they are linear, and a voltage that stands still in the stator turns backwards in
-// rotor axes: [i_dq; u_dq]' = A [i_dq; u_dq] + B omega_e psi_f. `u_dq`: in the axes of the begin.
+// With omega_e constant they are linear, and a voltage that is constant in stator axes turns
+// backwards in rotor axes: [i_dq; u_dq]' = A [i_dq; u_dq] + B omega_e psi_f. `u_dq`: in the axes of
+// the start.
 #pragma once
 #include "model/discretise_exact.hpp"
 #include "model/frames.hpp"

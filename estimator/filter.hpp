@@ -91,7 +91,7 @@ class Filter {
   // T_load of the output is an estimate, not 0.
   virtual bool estimates_load() const { return false; }
 
-  // What is known of the filter's limits, for a check before the run (loop/runnable.hpp).
+  // Known limits of the filter, for a check before the run (loop/runnable.hpp).
   //
   // Largest electrical angle, rad, between the rotor and the start of the filter that a start from
   // standstill without alignment corrects; 0: none. docs/theory/two-rate-ekf.md has the measured starts.
@@ -101,7 +101,7 @@ class Filter {
   virtual std::optional<double> load_speed_min(double /*u_unknown*/) const { return {}; }
 
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
-  // The same of the form that runs without voltages (kNoVoltage), where the filter has one.
+  // The same for the form without voltages (kNoVoltage), if the filter has one.
   virtual Gain initial_gain_without_voltage() const { return initial_gain(); }
   // One update of covariance and gain from the snapshot; `previous` holds P.
   virtual Gain background_step(const Gain& previous, const Estimate& snapshot) const = 0;
@@ -116,15 +116,15 @@ class Filter {
   // Number of leading pairs of states (alpha, beta) that turn with the rotor in the filter's frame;
   // the first two outputs then turn, too. K at another angle: estimator/gain_frame.hpp.
   virtual int turning_pairs() const { return 0; }
-  // Where x_hat carries u_dq of the last period, in the rotor axes of its middle; -1: it does not.
+  // Index in x_hat of u_dq of the last period, in the rotor axes of its middle; -1: it has none.
   virtual int voltage_state() const { return -1; }
   // The snapshot, predicted `ticks` ahead at constant speed.
   virtual Estimate ahead(const Estimate& snapshot, double /*ticks*/) const { return snapshot; }
   // Steady state without load at this speed, theta_e = 0: the operating point of a row of the table
   // of policy `scheduled`. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
-  // What background_step() computes with at this snapshot: many steps at one operating point then
-  // need no loop over them (GainSchedule). Empty: the steps are taken one after the other.
+  // Matrices of background_step() at this snapshot: many steps at one operating point then need no
+  // loop (GainSchedule). Empty: the steps are taken one after the other.
   virtual std::optional<CovarianceModel> covariance_model(const Estimate& /*snapshot*/) const {
     return {};
   }

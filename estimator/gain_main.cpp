@@ -49,7 +49,7 @@ class GainProcess {
     for (const RateChange& change : rates_.changes()) p_.bus().want_estimates(change.rate());
   }
   std::int64_t last_k() const { return background_.last().k; }
-  // After a policy without background: the change to one that has it.
+  // After a policy without background: the change to one with a background.
   std::int64_t next_k() const {
     std::int64_t k = background_.next_k();
     for (const RateChange& change : rates_.changes())

@@ -27,7 +27,7 @@ Model::Matrix after_steps(const Model& m, const Model::Matrix& T, const Model::M
   return 0.5 * (later + later.transpose());
 }
 
-// The same in place, where the filter has a model and the result is finite.
+// The same in place, if the filter has a model and the result is finite.
 bool settle_by_doubling(const Filter& filter, const Estimate& at, double angle, Gain& gain) {
   const std::optional<Model> model = filter.covariance_model(at);
   if (!model) return false;
@@ -44,7 +44,7 @@ bool settle_by_doubling(const Filter& filter, const Estimate& at, double angle, 
 }
 
 // The filter's own background step in rotor coordinates, kIterations times or until K converges.
-// `gain` holds P to start from, and the result. Stops where no steps are left.
+// `gain` holds the initial P, and the result. Stops if no steps are left.
 void converge(const Filter& filter, double omega_m, Gain& gain, std::int64_t& steps_left) {
   const Estimate e = *filter.steady_state(omega_m);
   const double angle = e.theta_e - filter.ahead(e, 1).theta_e;

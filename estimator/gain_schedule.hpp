@@ -22,17 +22,17 @@
 
 namespace twinrate {
 
-// P after many steps at this speed, the rotor at 0. Empty where the filter has no covariance model or
-// no steady state, and where P is not finite.
+// P after many steps at this speed, the rotor at 0. Empty if the filter has no covariance model or
+// no steady state, and if P is not finite.
 std::optional<CovarianceModel::Matrix> settled_covariance(const Filter& filter, double omega_m);
 
 class GainSchedule {
  public:
   using GainMatrix = Eigen::Matrix<double, kMaxStates, kMaxOutputs>;
 
-  // Rows from 0 to omega_m_max, closer together near standstill. Null where the filter has no
-  // steady state. Speeds beyond the table use its last row.
-  // Null, too, where the table takes more than `most_steps` background steps one after the other.
+  // Rows from 0 to omega_m_max, closer together near standstill. Null if the filter has no steady
+  // state, or if the table takes more than `most_steps` background steps one after the other.
+  // Speeds beyond the table use its last row.
   static std::shared_ptr<const GainSchedule> build(
       const Filter& filter, double omega_m_max,
       std::int64_t most_steps = std::numeric_limits<std::int64_t>::max());
@@ -50,7 +50,7 @@ class GainSchedule {
   double omega_m_max_;
   Gain shape_;  // n_x, n_y
   std::vector<GainMatrix> K_;
-  GainMatrix sign_;  // -1 where the element is odd in omega_m
+  GainMatrix sign_;  // -1 for an element that is odd in omega_m
 };
 
 }  // namespace twinrate

@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// Whether a gain has the sizes of the filter's `first` one, is finite, and has a covariance with a
-// positive diagonal (zero only where the first one is zero).
+// True if a gain has the sizes of the filter's `first` one, is finite, and has a covariance with a
+// positive diagonal (zero only where that of the first one is zero).
 inline bool fits(const Gain& gain, const Gain& first) {
   if (gain.n_x != first.n_x || gain.n_y != first.n_y) return false;
   if (!gain.K.topLeftCorner(gain.n_x, gain.n_y).allFinite()) return false;

@@ -8,7 +8,7 @@
 
 namespace twinrate {
 
-// Throws BadInput where the kind or a key of its table is unknown.
+// Throws BadInput if the kind or a key of its table is unknown.
 std::shared_ptr<const Filter> make_filter(Config& config);
 
 // The effects that a filter of this drive compensates before its equations.
@@ -17,20 +17,20 @@ KnownEffects known_effects(const DriveConfig& drive);
 // A way to make the filter: make_filter, or that of an own one.
 using MakeFilter = std::function<std::shared_ptr<const Filter>(Config&)>;
 
-// Throws BadInput where the filter cannot run the drive's gain policy.
+// Throws BadInput if the filter cannot run the drive's gain policy.
 void require_policy(const Config& config, const Filter& filter);
 void require_policy(const Config& config, const Filter& filter, GainPolicy policy);
 
-// "" where filter and controller of the drive can do this compensation, else what it needs.
+// "" if filter and controller of the drive support this compensation, else the missing condition.
 std::string compensation_needs(Compensation wanted, const DriveConfig& drive, const Filter& filter);
 
 // Whether the gain comes from the table over speed (estimator/gain_schedule.hpp) at any time of the
 // run, steering.policy included.
 bool uses_table(Config& config);
 
-// `fall_back`: a background that falls silent is replaced by the table over speed (realtime). The
-// table is computed here, or is `table`, where the caller has it. Throws BadInput where policy
-// `scheduled` is asked for and the filter has no table.
+// `fall_back`: the table over speed replaces a silent background (realtime). The table is computed
+// here, or is `table`, if the caller has it. Throws BadInput if policy `scheduled` is requested and
+// the filter has no table.
 using GainTable = std::shared_ptr<const GainSchedule>;
 FastLoop make_fast_loop(Config& config, bool fall_back, const MakeFilter& make = make_filter,
                         const GainTable& table = nullptr);

@@ -1,9 +1,10 @@
-// An own filter in place of a part of the one that the drive file names.
+// An own filter that replaces a part of the one in the drive file.
 //
-// Derive from OwnFilter and override the functions of Filter that are your own, at least fast_step()
-// or output(). Everything else is that of the filter `estimator.kind`: start, alignment, missing
-// samples, size of state and gain. The gain process goes on with the gains of that filter, computed
-// at your x_hat: keep its states and their order (docs/theory), or use no gain.
+// Derive from OwnFilter and override the functions of Filter that are your own, at least
+// fast_step() or output(). All other functions are those of the filter `estimator.kind`: start,
+// alignment, missing samples, size of state and gain. The gain process continues with the gains of
+// that filter, computed at your x_hat: keep its states and their order (docs/theory), or use no
+// gain.
 #pragma once
 #include "estimator/make_filter.hpp"
 

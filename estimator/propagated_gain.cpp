@@ -11,7 +11,7 @@ namespace {
 constexpr int kSpeeds = 5;
 constexpr double kSlowest = 0.0125;  // of the span: 10 rad/s of 800
 
-// +1 where an element of S is even in the direction of rotation.
+// +1 if an element of S is even in the direction of rotation.
 double mirror(int row, int pairs) {
   return row < 2 * pairs && row % 2 == 0 ? 1 : -1;
 }

@@ -9,8 +9,8 @@
 //   K(|omega|) linear between the K_i
 //   K_use      = T(theta_e) K(|omega|) R(-theta_e)     theta_e and omega of tick k-1
 //
-// The other direction of rotation: a drive seen from behind has the same filter with beta, speeds
-// and angles negative.
+// The other direction of rotation: a drive viewed from the other end has the same filter with beta,
+// speeds and angles negative.
 //
 //   K(-omega)  = S K(omega) S_y,  S = diag(1, -1, .., -1, -1),  S_y = diag(1, -1)
 //

@@ -19,7 +19,7 @@ class FilterBuilder {
   virtual std::shared_ptr<Filter> build(const DriveConfig& config) const = 0;
 };
 
-// Null where there is no such kind.
+// Null if there is no such kind.
 std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind);
 // With the defaults of this drive.
 std::unique_ptr<FilterBuilder> filter_builder(std::string_view kind, const DriveConfig& drive);

@@ -86,11 +86,12 @@ void scale(DqEkfParameters& p, const PerUnit& base, double, double) {
   set(p.P0_diag, {sq(0.0409 * base.i), sq(0.0409 * base.i), sq(0.0239 * base.omega_e), 3});
 }
 
-// Noise of the currents as for dq_ekf. The load walks by a twentieth of the rated torque in a tick; it
-// holds the surprise in the speed. The variance of the angle makes its correction strong against that of
-// the speed: EkfJoint::load_speed_min(). Its initial variance is that of 10 deg: the first corrections of
-// a larger one pass a rotor that is 75 deg away, and the load pulls it on (1 rad^2 loses 1 of 24 starts
-// without saliency at 0.6 of rated torque, 0.03 none: build/bench/direct_starts).
+// Noise of the currents as for dq_ekf. The load changes by a twentieth of the rated torque in a
+// tick and takes up deviations of the speed. The variance of the angle makes its correction strong
+// against that of the speed: EkfJoint::load_speed_min(). Its initial variance is that of 10 deg:
+// with a larger one the first corrections pass a rotor that is 75 deg away, and the load pulls it
+// on (1 rad^2 loses 1 of 24 starts without saliency at 0.6 of rated torque, 0.03 none:
+// build/bench/direct_starts).
 void scale(EkfJointParameters& p, const PerUnit& base, double, double) {
   const double current = sq(kKimCurrent * base.i);
   set(p.Q_diag, {current, current, sq(0.05 * base.step), 1e-4, sq(0.05 * base.T)});

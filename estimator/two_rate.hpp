@@ -1,4 +1,4 @@
-// The two halves of a two-rate filter, as every process and the one-process simulation run them.
+// The two halves of a two-rate filter, for every process and the one-process simulation.
 //
 //   FastLoop        MEASUREMENT(k), gains so far -> ESTIMATE(k)      at f_s
 //   BackgroundLoop  ESTIMATE(s), s = 0, n, 2n .. -> GAIN(s)          at f_b = f_s/n
@@ -42,7 +42,7 @@ void turn_for_use(GainPolicy policy, const Filter& filter, const Estimate& last,
 class FastLoop {
  public:
   // With `agreement` a gain is due every tick until the filter agrees with itself, then every
-  // rate.n ticks; the status bit kGainEveryTick says so.
+  // rate.n ticks; the status bit kGainEveryTick marks the first phase.
   FastLoop(std::shared_ptr<const Filter> filter, GainPolicy policy, BackgroundRate rate,
            ScheduleUse schedule_use = {}, std::optional<Agreement> agreement = {});
 
@@ -51,12 +51,12 @@ class FastLoop {
   void take_gain(const Gain& gain) { gains_.push(gain); }
   // The same filter with other known effects, from the next tick on; estimates and gains are kept.
   void exchange(std::shared_ptr<const Filter> filter);
-  // Rate and policy change at these ticks; those up to the last tick must be as they were. A
-  // schedule is needed where one of the policies is `scheduled`.
+  // Rate and policy change at these ticks; changes up to the last tick must be the same as before.
+  // A schedule is needed if one of the policies is `scheduled`.
   void follow(std::vector<RateChange> changes, std::shared_ptr<const GainSchedule> schedule = {});
   // True when the gain that tick k plans to use is here (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
-  // The tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
+  // Runs one tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
   // filter starts again from this sample). A late gain is replaced by the newest older one, a gain
   // that is too old by the table; status reports both. A sample without any sensor's reading
   // (signals) is predicted over in the same way, under its own voltage. The returned estimate is
@@ -97,7 +97,7 @@ class FastLoop {
   FastState state_;
   GainSlots gains_;
   Gain made_;                         // turned, or from the table
-  Measurement last_, last_measured_;  // as the filter sees it; as it came, where that differs
+  Measurement last_, last_measured_;  // as the filter uses it; as received, if different
   Estimate last_estimate_;
   std::int64_t k0_ = 0;  // first sample of the session: snapshots count from here
 };
@@ -121,13 +121,13 @@ class BackgroundLoop {
   void exchange(std::shared_ptr<const Filter> filter) { filter_ = std::move(filter); }
   // As FastLoop::follow.
   void follow(std::vector<RateChange> changes);
-  // From the next snapshot on; without it there is none.
+  // From the next snapshot on; without this call there is no ceiling.
   void limit(const CovarianceCeiling& ceiling) { ceiling_ = ceiling; }
   const CovarianceCeiling& ceiling() const { return ceiling_; }
   const Gain& last() const { return gain_; }
 
  private:
-  // Makes the changes up to this snapshot; true where there were some.
+  // Makes the changes up to this snapshot; true if there were some.
   bool change_rate(std::int64_t k);
   // gain_ from the snapshot, by the policy.
   void update(const Estimate& snapshot, int n_before, int n);

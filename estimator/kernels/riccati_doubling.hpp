@@ -21,7 +21,7 @@
 
 namespace twinrate::kernel {
 
-// N, or of a size up to MAX known at run time where N is Eigen::Dynamic.
+// N, or a size up to MAX known at run time if N is Eigen::Dynamic.
 template <int N, int MAX = N>
 struct RiccatiMap {
   using Matrix = Eigen::Matrix<double, N, N, 0, MAX, MAX>;
