@@ -32,7 +32,7 @@ struct Layout {
   std::vector<std::string> texts;
 };
 
-// What makes a sample its message again, beside the fields.
+// The data that restore a message from a sample, besides the fields.
 struct Origin {
   std::int64_t session = 0, tag = 0;
   std::int64_t timestamp_us = 0;  // of the event in the log

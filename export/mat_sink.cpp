@@ -161,8 +161,8 @@ class MatSink final : public ExportSink {
   }
 
  private:
-  // matio does not look at what fwrite returns: on a full disk the file is cut. Its elements, each of 8
-  // bytes and its length, must end where the file ends.
+  // matio ignores the result of fwrite: on a full disk the file is truncated. Its elements, each
+  // with 8 bytes and its length, must end where the file ends.
   void expect_whole(const std::string& path) const {
     constexpr std::streamoff kHeaderBytes = 128;
     std::ifstream file(path, std::ios::binary | std::ios::ate);

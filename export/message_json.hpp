@@ -1,6 +1,6 @@
 // A message as JSON, and its JSON schema: for MCAP files and for the websocket of Foxglove.
 //
-// Whole numbers have all their digits. A number that is not finite is null.
+// Integers have all their digits. A number that is not finite is null.
 #pragma once
 #include <string>
 

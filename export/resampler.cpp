@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kMaxRowsOfJump = 1e5;  // a gap of 1000 mean intervals may have so many rows
+constexpr double kMaxRowsOfJump = 1e5;  // a gap of 1000 mean intervals may have this many rows
 
 double angle_between(double a, double b, double share) {
   const double angle = a + share * wrap_pi(b - a);

@@ -24,8 +24,8 @@ class ExportSink {
 std::unique_ptr<ExportSink> make_csv_sink(const std::string& path);
 // MATLAB 5 (libmatio): one struct for each stream with t (s), seq, the origin (t_ns, session, tag,
 // timestamp_us, event) and its fields: a column vector, for an array field a matrix with one row a
-// sample, for texts a cell array. Whole numbers are doubles where these hold them exactly, else
-// int64. The whole log is in memory.
+// sample, for texts a cell array. Integers are doubles if these represent them exactly, else int64.
+// The whole log is in memory.
 std::unique_ptr<ExportSink> make_mat_sink(const std::string& path);
 // MCAP (mcap.dev), chunks with an index, messages as JSON with a JSON schema. `compression`: "zstd",
 // "lz4" or "" for none.

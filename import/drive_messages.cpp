@@ -63,7 +63,7 @@ TickGrid place_on_grid(const DriveRows& rows, double f_s_Hz) {
 
 DriveMessages::DriveMessages(const DriveRows& rows, int n_p, double v_dc_nominal)
     : rows_(rows), n_p_(n_p), v_dc_nominal_(v_dc_nominal) {
-  // i_d, i_q are in the axes of theta_m: without it they say nothing about the phases.
+  // i_d, i_q are in the axes of theta_m: without it they do not determine the phases.
   if (rows.has("i_a") + rows.has("i_b") + rows.has("i_c") >= 2)
     currents_ = Currents::kAbc;
   else if (has_all({"i_alpha", "i_beta"}))

@@ -1,8 +1,9 @@
 // A log from its export: the messages of an mcap or mat file of `twinrate export`, bit for bit.
 //
-// Every field, the header and the tag come back exactly, in the order of the log. Not in the file:
-// channels that were not exported (ACK unless it was asked for) and numbers that are not finite,
-// which an mcap has as null and which come back as NaN. A resampled export is no log and is refused.
+// Every field, the header and the tag are restored exactly, in the order of the log. Not in the
+// file: channels that were not exported (ACK unless requested) and numbers that are not finite,
+// which an mcap stores as null and which are restored as NaN. A resampled export is no log and is
+// refused.
 #pragma once
 #include <functional>
 #include <map>

@@ -286,7 +286,7 @@ Guess guess_map(const GuessRequest& request) {
   guess.format.header = !header.by_number;
   const Guesser guesser(request, guess, lines, layout, header);
   for (std::size_t i = 0; i < layout.fields; ++i) {
-    if (i + 1 == layout.fields && header.names[i].empty()) break;  // behind the last separator
+    if (i + 1 == layout.fields && header.names[i].empty()) break;  // after the last separator
     guess.columns.push_back(guesser.column(i));
   }
   drop_doubles(guess.columns);

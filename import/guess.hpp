@@ -1,10 +1,11 @@
 // Guesses the map of a foreign file from its header and its first rows.
 //
-// A column is understood if its name, with its unit, has one meaning in drive logs. Everything else
-// is left out of the map, with the reason: a column that is not understood costs a line of the map,
-// a column that is understood wrongly costs a result. The unit comes from brackets ("Iq [mA]"), from
-// the end of the name ("iq_mA"), from a row of units below the header, or from the tool that wrote
-// the file. Without any of these the values decide where they can (see `unit_from`), and say so.
+// A column is understood if its name, with its unit, has one meaning in drive logs. All other
+// columns are left out of the map, with the reason: a column that is not understood costs a line of
+// the map, a column that is understood wrongly costs a result. The unit comes from brackets ("Iq
+// [mA]"), from the end of the name ("iq_mA"), from a row of units below the header, or from the
+// tool that wrote the file. Without any of these the values decide if possible (see `unit_from`),
+// and this is reported.
 //
 //   current, voltage   A and V if the values are small and have three or more decimals
 //   time               s if the rows are 1 us to 20 ms apart: in ms they would be below 20 us
@@ -27,7 +28,7 @@ struct GuessedColumn {
   int number = 0;         // from 1
   std::string canonical;  // "t" for the time; empty: not understood
   double scale = 1, offset = 0, wrap = 0;
-  std::string unit_from;  // where the unit comes from
+  std::string unit_from;  // source of the unit
   std::string reason;     // why it is not understood
 };
 
@@ -50,7 +51,8 @@ struct GuessRequest {
 // Throws BadInput: no such file, no table in its first lines, another tool's file.
 Guess guess_map(const GuessRequest& request);
 
-// The map file (map.hpp), with what is not understood as comments. `preset`: of [drive], or "".
+// The map file (map.hpp), with columns that are not understood as comments. `preset`: of [drive],
+// or "".
 std::string map_toml(const Guess& guess, const std::string& preset);
 
 }  // namespace twinrate

@@ -20,7 +20,7 @@ std::string stripped(const std::string& text) {
   return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
 }
 
-// Endings that are units as they are written: "iq_A", "speed_rpm". Case tells "_A" from phase "_a".
+// Endings that are units as written: "iq_A", "speed_rpm". Case distinguishes "_A" from phase "_a".
 const std::vector<std::string>& unit_endings() {
   static const std::vector<std::string> endings{
       "_rad_per_s", "_rad_s", "_rads", "_rev_s", "_turns_s", "_deg_s", "_counts", "_turns",
@@ -55,8 +55,8 @@ const Names& currents() {
   return names;
 }
 
-// "Strom Phase U", "Courant phase a", "Motor Current Q": a word for a current and an axis. A word and
-// an A or V alone ("Current A") may be a unit: another phase must stand beside it.
+// "Strom Phase U", "Courant phase a", "Motor Current Q": a word for a current and an axis. A word
+// with an A or V alone ("Current A") may be a unit: there must be another phase beside it.
 std::string spelled_current(const std::string& text, const std::vector<std::string>& columns) {
   if (!any_of(text, {"strom", "courant", "current"})) return "";
   static const std::map<std::string, const char*> axes{
@@ -222,7 +222,7 @@ std::optional<Unit> unit_of(const std::string& text) {
   return found->second;
 }
 
-// "-i_q", "|i_q|", "i_q + 1": not the quantity itself, or a sign that is not read here (a delta).
+// "-i_q", "|i_q|", "i_q + 1": another quantity, or a sign that is not read here (a delta).
 static bool is_formula(const std::string& name) {
   return name.starts_with('-') || name.find_first_of("|+^~=<>") != std::string::npos ||
          (name.find('*') != std::string::npos && !name.ends_with('*')) ||

@@ -1,4 +1,4 @@
-// Names and units of foreign columns, and what each means in a drive log.
+// Names and units of foreign columns, and their meaning in a drive log.
 #pragma once
 #include <optional>
 #include <string>
@@ -31,10 +31,10 @@ struct Unit {
   bool mechanical = false;       // rpm, rev/s: of a shaft
   std::string problem;           // why the unit alone is not enough; else ""
 };
-// None for a text that is no unit known here.
+// None for a text that is no known unit.
 std::optional<Unit> unit_of(const std::string& text);
 
-// What a name means, apart from its unit. `canonical` empty: `reason` says why.
+// The meaning of a name, apart from its unit. `canonical` empty: `reason` gives the reason.
 struct Meaning {
   std::string canonical;
   Quantity quantity = Quantity::kNone;
@@ -51,7 +51,7 @@ std::string plain(const std::string& name);
 struct ToolColumn {
   const char* tool;
   const char* name;
-  const char* canonical;  // "": `text` says why it has no place in a drive log
+  const char* canonical;  // "": `text` gives the reason why it has no place in a drive log
   double scale = 1;
   bool electrical = false;  // divide by the pole pairs
   const char* text = "";    // the unit in the tool's words, or the reason

@@ -116,7 +116,7 @@ void read_columns(const std::string& file, const toml::table& columns, ImportMap
   }
 }
 
-// A column of a linear axis and the one that it stands for, which is `power` of the radius times it.
+// A column of a linear axis and the canonical column, which is multiplied by `power` of the radius.
 struct LinearColumn {
   const char *name, *rotary;
   int power;

@@ -52,7 +52,7 @@ struct ImportMap {
   std::vector<std::string> linear;           // the columns of a linear axis, by their own names
   double radius_m = 1;                       // of that axis
 
-  // A jump of theta_m as it is read may be the start of a new turn.
+  // True if a jump of theta_m in the file may be the start of a new turn.
   bool may_wrap() const;
 };
 

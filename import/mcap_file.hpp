@@ -18,8 +18,8 @@ struct McapMessage {
 };
 
 // Calls `take` with every message in the order of the file; `progress` gets the share read. Throws
-// BadInput, one line: no such file, not MCAP, damaged, another compression than zstd and lz4, and
-// what the two throw.
+// BadInput, one line: no such file, not MCAP, damaged, another compression than zstd and lz4; and
+// the exceptions of the two functions.
 void read_mcap(const std::string& path, const std::function<void(const McapMessage&)>& take,
                const std::function<void(double)>& progress);
 

@@ -1,4 +1,4 @@
-// The MCAP container, https://mcap.dev/spec: what writer and reader share.
+// The MCAP container, https://mcap.dev/spec: common parts of writer and reader.
 #pragma once
 #include <cstdint>
 #include <string_view>

@@ -15,7 +15,7 @@ namespace twinrate {
 namespace {
 
 constexpr double kDutyTolerance = 1e-3;  // beyond 0 to 1
-constexpr double kLargest = 1e100;       // of a number: sums of squares of it are finite
+constexpr double kLargest = 1e100;       // of a number: sums of its squares are finite
 // 1 MHz, five times the fastest drive (rates.f_s_Hz); on the average of the first rows, as a jittering
 // clock can give one pair of rows the same time but for its last digits.
 constexpr double kLeastInterval_s = 1e-6;
@@ -162,7 +162,7 @@ bool RowReader::time_rises() {
   return false;
 }
 
-// A time in another unit, or none: nobody samples a drive faster.
+// Refuses a time in another unit, or none: no drive is sampled faster.
 void RowReader::check_interval() {
   if (rising_++ == 0) t_first_ = t_;
   if (rising_ != kIntervalAfter) return;
@@ -178,7 +178,7 @@ bool RowReader::leave_out_truncated(const std::string& what) {
   return false;
 }
 
-// Its last line may be a part of one, whatever fields it has.
+// The last line may be incomplete, whatever fields it has.
 bool RowReader::leave_out_cut_stream() {
   if (!repair_)
     fail("the compressed file is cut off here; --repair uses the lines before this one");

@@ -192,7 +192,7 @@ Values values_of(const std::vector<std::string>& lines, const Layout& layout, st
 Header header_of(const std::vector<std::string>& lines, const Layout& layout) {
   Header header{.names = std::vector<std::string>(layout.fields),
                 .units = std::vector<std::string>(layout.fields)};
-  std::vector<std::size_t> above;  // lines of as many fields, the nearest first
+  std::vector<std::size_t> above;  // lines with this number of fields, the closest first
   for (std::size_t i = layout.data_line; i-- > 0 && above.size() < 2;) {
     if (without_blanks(lines[i]).empty()) continue;
     const std::size_t count = fields_of(without_comment(lines[i]), layout.separator).size();

@@ -25,8 +25,8 @@ constexpr std::array kPowersOfTen = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1
                                      1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
                                      1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
-// size > 0 rounded to `digits` digits, at most 9. Empty where the rounding of one product could decide
-// it: next to the middle of two decimals; and far from 1, where powers of ten are not exact.
+// size > 0 rounded to `digits` digits, at most 9. Empty if the rounding of one product could decide
+// the result: near the middle of two decimals, and far from 1, where powers of ten are not exact.
 std::optional<Decimal> decimal_of(double size, int digits) {
   constexpr double kLog10Of2 = 0.3010299956639812;
   constexpr double kNearMiddle = 1e-6;  // 2^-23 is the error of a product below 2^30

@@ -49,7 +49,7 @@ std::string embedded(const Json& json) {
   return text;
 }
 
-// With room for all its keys: an ordered object that grows copies what it holds.
+// With room for all its keys: an ordered object that grows copies its content.
 Json empty_page() {
   Json::object_t page;
   page.reserve(16);

@@ -53,7 +53,7 @@ Json event_table(const RunLog& log);                          // [[t, process, r
 
 // transport.cpp: latency of each hop and links to other hosts, [[quantity, value], ..].
 Json transport_rows(const std::string& manifest_json);
-std::string command_of(const std::string& manifest_json);  // "" where none was recorded
+std::string command_of(const std::string& manifest_json);  // "" if none was recorded
 
 // ripple_page.cpp: load torque and speed ripple over the angle of the rotor.
 std::vector<Json> ripple_sections(const RunView& view);

@@ -1,4 +1,4 @@
-// Several runs over one time axis, their steps, and what differs between their drive files.
+// Several runs over one time axis, their steps, and the differences between their drive files.
 #include <fmt/format.h>
 
 #include <algorithm>

@@ -11,7 +11,7 @@ namespace {
 
 using namespace report;
 
-// What a user should do next.
+// The next step for the user.
 std::string advice(const TraceResult& r) {
   if (r.verdict == "traced")
     return "Next: compare each effect with its picture, run the drive with extended.toml in place "

@@ -11,7 +11,7 @@
 namespace twinrate::report {
 namespace {
 
-constexpr int kOrders = 60;  // shown at least, where the rows resolve them
+constexpr int kOrders = 60;  // shown at least, if the rows resolve them
 constexpr int kAngleBins = 240, kBins = 48;
 constexpr std::size_t kTimePoints = 5000;
 constexpr double kMiddle = 0.99;
