@@ -58,7 +58,7 @@ class FieldVisitor {
   }
 };
 
-// "amplitude_Nm" -> {"amplitude", "Nm"}; unit "1" where the key has none ("order": "per_rev").
+// "amplitude_Nm" -> {"amplitude", "Nm"}; unit "1" if the key has none ("order": "per_rev").
 struct NameAndUnit {
   std::string name, unit;
 };

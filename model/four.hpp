@@ -1,6 +1,6 @@
-// Four numbers side by side. Each operation is the same on every machine, bit for bit; one with
-// AVX2 does it in one instruction where the function around it is compiled for that
-// (__attribute__((target("avx2"))), chosen by has_avx2()), the others in two.
+// Four numbers side by side. Each operation is the same on every machine, bit for bit. A machine
+// with AVX2 does it in one instruction if the function around it is compiled for that
+// (__attribute__((target("avx2"))), chosen by has_avx2()), other machines in two.
 #pragma once
 #include <cstddef>
 #include <cstring>

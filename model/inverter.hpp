@@ -33,7 +33,7 @@ inline void svpwm(const Vec2& u_alphabeta_ref, double v_dc, InverterOutput& out)
   Vec3 u_abc = inverse_clarke(u_alphabeta_ref);
   const double span = u_abc.maxCoeff() - u_abc.minCoeff();
   out.limited = span > v_dc;
-  // The hexagon is where the largest line-to-line voltage equals v_dc.
+  // The limit is the hexagon, on which the largest line-to-line voltage equals v_dc.
   if (out.limited) u_abc *= v_dc / span;
   const double zero_sequence = -0.5 * (u_abc.maxCoeff() + u_abc.minCoeff());
   for (int phase = 0; phase < 3; ++phase) {

@@ -39,7 +39,7 @@ std::uint64_t digits(int at) {
   return bit == 0 ? upper : upper | kTwoOverPi[word + 1] >> (64 - bit);
 }
 
-// x 2^k; the product is rounded once where the result is subnormal.
+// x 2^k; the product is rounded once if the result is subnormal.
 double scaled(double x, int k) {
   const auto power = [](int n) {
     return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + n) << 52);

@@ -49,8 +49,7 @@ struct QuarterTurnsOf {
 using QuarterTurns = QuarterTurnsOf<double>;
 QuarterTurns quarter_turns_far(double x);
 
-// Inline in every caller: an instance of its own could be one that other flags made.
-// |x| < 1e6
+// Inline in every caller: a separate instance could be compiled with other flags. |x| < 1e6
 template <class T>
 [[gnu::always_inline]] inline QuarterTurnsOf<T> quarter_turns_near(const T& x) {
   const T shifted = x * 0x1.45f306dc9c883p-1 + 0x1.8p52;  // 2/pi; rounds to a whole number

@@ -13,7 +13,7 @@ struct OperatingPoint {
   double omega_m = 0;
   double theta_m = 0;
   double theta_e = 0;  // n_p theta_m
-  double T_load = 0;   // external load, where it is known
+  double T_load = 0;   // external load, if it is known
   // A, part of the terminal current that bypasses the winding that makes the flux (iron_loss).
   Vec2 i_around = Vec2::Zero();
   // cos and sin of theta_e, if the caller has computed them; zero: they are computed on demand.
@@ -30,7 +30,7 @@ struct OperatingPoint {
   }
   // Three phase values as a vector in rotor axes.
   Vec2 phases_to_dq(const Vec3& x_abc) const { return rotor_axes(clarke(x_abc)); }
-  // Current at the terminals, where resistances, the inverter and the sensors are.
+  // Current at the terminals, at which resistances, the inverter and the sensors are.
   Vec2 i_terminal() const { return i_dq + i_around; }
   Vec3 i_abc() const { return inverse_clarke(stator_axes(i_terminal())); }
 };

@@ -46,8 +46,8 @@ const char* long_name(Source source);
 // "slots", for a label in a figure.
 const char* short_name(Source source);
 
-// "current scaling; cogging from the poles: cannot be told apart at one speed and load". Empty
-// where there is no source.
+// "current scaling; cogging from the poles: cannot be told apart at one speed and load". Empty if
+// there is no source.
 std::string describe(const std::vector<OrderSource>& sources);
 // "scaling+poles".
 std::string label(const std::vector<OrderSource>& sources);

@@ -1,5 +1,5 @@
-// What estimator, controller and the checks of a drive file know of the plant: the keys of [plant]
-// that do not depend on who plays it. How it is simulated belongs to
+// Facts of the plant for estimator, controller and the checks of a drive file: the keys of [plant]
+// that are the same for a simulated and a real plant. Settings of the simulation are in
 // plant_sim/plant_parameters.hpp.
 #pragma once
 #include "model/fields.hpp"
@@ -10,12 +10,12 @@ namespace twinrate {
 enum class InverterModel : int { kAveraged = 0, kSwitched = 1 };
 inline constexpr const char* kInverterModelNames[] = {"averaged", "switched"};
 
-// Where the machine's saliency is: in the rotor, as in every real machine, or on the stator's axes
-// (plant_sim/fixed_axes.hpp).
+// Location of the machine's saliency: in the rotor, as in every real machine, or on the stator's
+// axes (plant_sim/fixed_axes.hpp).
 enum class Saliency : int { kRotor = 0, kFixedAxes = 1 };
 inline constexpr const char* kSaliencyNames[] = {"rotor", "fixed_axes"};
 
-// Who plays the plant: twinrate-plant, or twinrate-bridge with a real drive behind it.
+// The plant: twinrate-plant, or twinrate-bridge with a real drive behind it.
 enum class PlantKind : int { kSimulated = 0, kBridge = 1 };
 inline constexpr const char* kPlantKindNames[] = {"simulated", "bridge"};
 

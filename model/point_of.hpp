@@ -1,7 +1,7 @@
-// Where the drive is on its map, as somebody sees it: the one place that makes an OperatingPoint
-// out of a sample or a state.
+// The operating point of the drive in a given frame: the only place that makes an OperatingPoint
+// from a sample or a state.
 //
-// The frame says by which angle: that of the sensor, of an estimate, or the true one. Stator
+// The frame determines the angle: that of the sensor, of an estimate, or the true one. Stator
 // quantities are turned into rotor axes by its theta_e.
 #pragma once
 #include "model/effects/effect.hpp"

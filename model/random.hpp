@@ -1,4 +1,4 @@
-// Noise as a pure function of (seed, stream, index): the same sample whatever ran before it.
+// Noise as a pure function of (seed, stream, index): the same sample independent of earlier calls.
 //
 // SplitMix64 finaliser as a counter-based generator, Box-Muller for the normal deviate.
 #pragma once

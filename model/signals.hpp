@@ -1,4 +1,4 @@
-// What travels round the loop, in SI units; the wire types of lcmtypes/ carry the same fields with
+// The signals of the loop, in SI units; the message types of lcmtypes/ have the same fields with
 // unit suffixes.
 //
 //   plant -> Measurement -> estimator -> Estimate -> background gain -> Gain -> estimator
@@ -65,7 +65,7 @@ struct Estimate {
   double omega_m = 0;
   Vec2 i_dq = Vec2::Zero();
   double T_load = 0;
-  double dT_load_dt = 0;  // where the filter knows the load as periodic, else 0
+  double dT_load_dt = 0;  // if the filter knows the load as periodic, else 0
   Eigen::Matrix<double, kMaxStates, 1> x_hat = Eigen::Matrix<double, kMaxStates, 1>::Zero();
   Eigen::Matrix<double, kMaxOutputs, 1> innov = Eigen::Matrix<double, kMaxOutputs, 1>::Zero();
 };

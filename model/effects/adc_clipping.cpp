@@ -31,7 +31,7 @@ class AdcClipping final : public TraceableEffect {
   int regressor_count() const override { return 0; }
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
-  // Any reading that stands at the limit is one too many.
+  // A single reading at the limit is already material.
   double materiality(const DriveFacts&) const override { return limit_ > 0 ? 1 : 0; }
 
   Traits traits() const override {

@@ -1,4 +1,4 @@
-// Backlash: part of the inertia sits behind a coupling or gear with free play.
+// Backlash: part of the inertia is behind a coupling or gear with free play.
 //
 //   (J - J_load) omega_m' = T_em - B omega_m - T_shaft
 //   J_load omega_load'    = T_shaft - T_load

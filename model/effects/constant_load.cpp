@@ -1,5 +1,5 @@
-// Constant load: a torque that does not ask for the direction, as a hanging weight, where T_load
-// acts.  T_load += T
+// Constant load: a torque independent of the direction, like that of a hanging weight, which acts
+// where T_load acts. T_load += T
 //
 // Regressor: 1; coefficient T.
 #include "model/effects/materiality.hpp"

@@ -1,6 +1,6 @@
 // Coulomb friction: constant torque against the motion.  T_load += T_C tanh(omega_m/omega_smooth)
 //
-// The tanh stands for sign(omega_m) so that the plant's right-hand side stays smooth; above 3
+// The tanh replaces sign(omega_m), so that the right-hand side of the plant is smooth; above 3
 // omega_smooth it is within 0.5 % of the sign. Regressor: tanh(omega_m/omega_smooth); coefficient
 // T_C.
 #include "model/effects/materiality.hpp"

@@ -1,13 +1,13 @@
-// Cross saturation: the current of one axis takes flux from the other.
+// Cross saturation: the current of one axis reduces the flux of the other.
 //
 //   coenergy W' = -3/2 (c i_d + c_2 i_d^2) G(i_q)
 //   =>  psi_d -= (c + 2 c_2 i_d) G(i_q),  psi_q -= (c i_d + c_2 i_d^2) G'(i_q)
-//   G = i_q^2/2;  with a current I_c at which it fades  G = I_c^2 ln cosh(i_q/I_c)
+//   G = i_q^2/2;  with a current I_c above which it levels off  G = I_c^2 ln cosh(i_q/I_c)
 //
-// Both from one coenergy, so d psi_d/d i_q = d psi_q/d i_d and no energy comes from nowhere; c is
-// the lowest such term that treats both signs of i_q alike. It weakens the magnets at load, and L_q
-// where i_d strengthens the field; c_2 does so for both signs of i_d. Regressors: [G, i_d G'] and,
-// where c_2 is not 0, [2 i_d G, i_d^2 G'], with a minus; coefficients c, c_2.
+// Both follow from one coenergy, so d psi_d/d i_q = d psi_q/d i_d and energy is conserved; c is the
+// lowest such term that is even in i_q. It weakens the magnets at load, and L_q if i_d strengthens
+// the field; c_2 does so for both signs of i_d. Regressors: [G, i_d G'] and, if c_2 is not 0, [2
+// i_d G, i_d^2 G'], with a minus; coefficients c, c_2.
 #include <cmath>
 #include <numbers>
 

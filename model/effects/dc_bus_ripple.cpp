@@ -1,8 +1,8 @@
-// Ripple of the DC bus, as a rectifier makes it.  v_dc += A sin(2 pi f t + phase)
+// Ripple of the DC bus, as from a rectifier. v_dc += A sin(2 pi f t + phase)
 //
-// The drive scales its duties by the bus voltage it measured at the start of the interval, so what
-// acts is the change since then. Regressors at given f: sin(2 pi f t), cos(2 pi f t); coefficients
-// A cos(phase), A sin(phase).
+// The drive scales its duties by the bus voltage measured at the start of the interval, so only the
+// change since then acts. Regressors at given f: sin(2 pi f t), cos(2 pi f t); coefficients A
+// cos(phase), A sin(phase).
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"

@@ -47,7 +47,7 @@ class Delayed final : public TraceableEffect {
     return effect_->tracing().materiality(facts);
   }
 
-  // Whether it is a loss is asked of the effects that are there from the start.
+  // The check for a loss applies to the effects that are present from the start.
   Traits traits() const override {
     Traits of_effect = effect_->tracing().traits();
     of_effect.loss = Loss::kNo;

@@ -7,9 +7,9 @@
 
 namespace twinrate {
 
-// `effect` itself where from_s is 0.
+// `effect` itself if from_s is 0.
 std::shared_ptr<const Effect> delayed(std::shared_ptr<const Effect> effect, double from_s);
-// "" or why this effect cannot begin later: it has a memory, or changes what a plant is built of.
+// "" or why this effect cannot begin later: it has a memory, or changes the structure of a plant.
 std::string why_not_delayed(const Effect& effect);
 
 }  // namespace twinrate

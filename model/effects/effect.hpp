@@ -1,13 +1,13 @@
-// An effect: something a real drive does that the plain machine equations lack. One file, three
+// An effect: a property of a real drive that the plain machine equations lack. One file, three
 // uses.
 //
 //   simulate    the plant adds at(point) to its equations and to its sensors
 //   regress     the tracer fits a residual on regressors(point), columns that are linear in the
-//               parameters, and refines the traced_keys() by what at() gives
+//               parameters, and refines the traced_keys() with at()
 //   compensate  estimator and controller predict it with at(point) on their own estimates
 //
 // An effect may act on several equations at once (flux harmonics: voltage and torque); acts_on()
-// says which, so that nobody evaluates an effect that does not concern him.
+// lists them, so that an effect is evaluated only where it acts.
 //
 // The interface has one header a user: physics.hpp (plant, estimator, controller), memory.hpp
 // (records), tracing.hpp with traits.hpp (tracer, planner, reports), portrait.hpp (gallery). This
@@ -68,7 +68,7 @@ inline Contribution sum_at(const Effects& effects, const OperatingPoint& point) 
   return total;
 }
 
-// Makes an effect by its kind with default parameters; null where there is no such kind.
+// Makes an effect by its kind with default parameters; null if there is no such kind.
 std::shared_ptr<Effect> make_effect(std::string_view kind);
 std::vector<std::string> effect_kinds();
 

@@ -5,8 +5,8 @@
 //   T_load -= 3/2 n_p (delta_psi i_q + (d delta_psi/d theta_e) i_d)
 //
 // Voltage and torque belong together: the power 3/2 i_dq u_dq_drop taken from the terminals is the
-// mechanical power -T_load omega_m, whatever the operating point. N counts a mechanical turn, 6 n_p
-// and its multiples in a symmetric machine. Regressors at given N: the same with cos(N theta_m) and
+// mechanical power -T_load omega_m, at every operating point. N counts a mechanical turn, 6 n_p and
+// its multiples in a symmetric machine. Regressors at given N: the same with cos(N theta_m) and
 // with -sin(N theta_m) for delta_psi/A; coefficients A cos(phase), A sin(phase).
 #include <algorithm>
 

@@ -1,5 +1,5 @@
-// Flux of the magnets that is not machine.psi_f: another magnet, a warm one, a partly demagnetised
-// one.
+// Flux of the magnets that differs from machine.psi_f: another magnet, a warm one, a partly
+// demagnetised one.
 //
 //   psi_dq += [change, 0]
 //

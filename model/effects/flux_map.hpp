@@ -2,7 +2,7 @@
 //
 //   psi = sum psi_dq(i),  slope = d psi/d i_dq (central differences)
 //
-// What a machine with [L_d i_d + psi_f, L_q i_q] + psi does follows from both:
+// The voltage and torque of a machine with [L_d i_d + psi_f, L_q i_q] + psi follow from both:
 //   voltage   u_dq - R_s i_dq = (diag(L_d, L_q) + slope) i_dq' + omega_e [-psi_q, psi_d]
 //   torque    3/2 n_p (psi_d i_q - psi_q i_d), in which the added part is minus flux_load()
 #pragma once

@@ -1,8 +1,8 @@
-// Friction that varies over a turn: a bearing or seal that rubs more at one place.
+// Friction that varies over a turn: a bearing or seal that rubs more at one angle.
 //
 //   T_load += tanh(omega_m/omega_smooth) A sin(N theta_m + phase)
 //
-// It changes sign with the direction, which is how it is told from cogging. Regressors at given N:
+// It changes sign with the direction, which distinguishes it from cogging. Regressors at given N:
 // tanh() sin(N theta_m), tanh() cos(N theta_m); coefficients A cos(phase), A sin(phase).
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"

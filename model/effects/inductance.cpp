@@ -1,8 +1,8 @@
-// Inductances that are not those of the config.
+// Inductances that differ from those of the config.
 //
 //   psi_dq += [change_d i_d, change_q i_q]
 //
-// Seen as the voltage of a current that changes, across the current at speed, and, where the two
+// It appears as the voltage of a changing current, across the current at speed and, if the two
 // differ, as reluctance torque. Regressors: [i_d, 0], [0, i_q]; coefficients change_d, change_q.
 #include <algorithm>
 

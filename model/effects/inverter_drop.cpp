@@ -3,8 +3,8 @@
 //   drop of a phase = V_0 sat(i/i_linear) + R_on i
 //   sat(x) = max(-1, min(1, x)), or by `shape`
 //
-// V_0 is the forward voltage of transistor or diode, R_on its slope: with R_s the one is told from
-// the other only by temperature. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.
+// V_0 is the forward voltage of transistor or diode, R_on its slope, which only temperature
+// separates from R_s. Regressors: Park(Clarke(sat)), i_dq; coefficients V_0, R_on.
 #include <algorithm>
 
 #include "model/effects/registry.hpp"

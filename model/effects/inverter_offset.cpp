@@ -1,9 +1,9 @@
-// Voltage error of the inverter that is always there: legs that do not switch alike.
+// Constant voltage error of the inverter: legs that do not switch alike.
 //
-//   u_phase = asked + offset,  u_dq_drop = -Park(Clarke(offset))
+//   u_phase = requested + offset,  u_dq_drop = -Park(Clarke(offset))
 //
-// Seen in rotor axes it turns at order n_p. What all three phases have in common does nothing, so
-// offsets of a and b against c say everything. Regressors: one a phase; coefficients the offsets.
+// In rotor axes it turns at order n_p. A part common to all three phases has no effect, so offsets
+// of a and b against c suffice. Regressors: one a phase; coefficients the offsets.
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"

@@ -3,11 +3,11 @@
 //   i_fe = j omega_e psi/R_c = omega_e [-psi_q, psi_d]/R_c,   psi = [psi_f + L_d i_d, L_q i_q]
 //   terminals carry i_dq + i_fe:  i_abc += inverse Park, Clarke of i_fe,  u_dq_drop = R_s i_fe
 //
-// The state i_dq is the current behind R_c, which makes the flux and the torque; sensors, the
-// inverter and what adds to R_s (effects resistance, phase_asymmetry) sit at the terminals.
-// Hysteresis and eddy currents in one, the EMF of a changing current left out. The loss is 3/2 R_c
-// |i_fe|^2 = 3/2 omega_e^2 |psi|^2/R_c. R_c = 0: no loss. Regressor: [R_s e, e] with e = R_c i_fe;
-// coefficient 1/R_c.
+// The state i_dq is the current behind R_c, which makes the flux and the torque. Sensors, the
+// inverter and effects that add to R_s (resistance, phase_asymmetry) are at the terminals.
+// Hysteresis and eddy currents are combined; the EMF of a changing current is left out. The loss is
+// 3/2 R_c |i_fe|^2 = 3/2 omega_e^2 |psi|^2/R_c. R_c = 0: no loss. Regressor: [R_s e, e] with e =
+// R_c i_fe; coefficient 1/R_c.
 #include "model/effects/registry.hpp"
 #include "model/effects/traced.hpp"
 

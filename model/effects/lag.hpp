@@ -1,6 +1,6 @@
-// A sequence of samples that arrives late: delayed by a time that need not be whole samples, or
-// through a first-order filter. Linear between samples, hence smooth in the time of the lag but for
-// a kink at whole samples.
+// A sequence of samples with a lag: delayed by a time that need not be whole samples, or through a
+// first-order filter. Linear between samples, hence smooth in the time of the lag except for a kink
+// at whole samples.
 //
 //   DelayLine   y_k = (1 - f) x_{k-n} + f x_{k-n-1},   n + f = delay/T_s; before the first sample
 //               its value
@@ -45,7 +45,7 @@ class DelayLine {
   std::size_t whole_;
   double part_;
   std::vector<Value> past_;
-  std::size_t next_ = 0;  // where the next sample goes
+  std::size_t next_ = 0;  // index of the next sample
   bool first_ = true;
 };
 
@@ -69,8 +69,8 @@ class LowPass {
   bool first_ = true;
 };
 
-// The same for a value that is held over each sample, as a voltage is: its mean over the sample
-// behind the filter,
+// The same for a value that is held over each sample, like a voltage: its mean over the sample
+// after the filter,
 //
 //   mean_k = u_k + b (v_k - u_k),   v_{k+1} = u_k + a (v_k - u_k)
 template <class Value>

@@ -48,8 +48,8 @@ class LoadMass {
         whole_(Oscillation::of(shaft, T_s)),
         x_(start) {}
 
-  // One sample on. The motor turns at `omega_m` at its beginning and speeds up by `omega_rate`, the
-  // load holds `T_load`: as seen from the motor, that and what speeds the load up, too.
+  // Advances one sample. The motor has the speed `omega_m` at its beginning and the acceleration
+  // `omega_rate`; the load is `T_load`. Relative to the motor it is T_load + J_load omega_rate.
   void advance(double omega_m, double omega_rate, double T_load) {
     const double held = T_load + shaft_.J_load * omega_rate;
     Twist x{x_.delta, omega_m - x_.omega_load};
@@ -110,7 +110,7 @@ class LoadMass {
     const double T = shaft_torque(shaft_, x.delta, x.rate);
     return T > 0 ? Contact::kUpper : T < 0 ? Contact::kLower : Contact::kNone;
   }
-  // Negative where the contact has changed: the flank would pull; the gap has closed.
+  // Negative if the contact has changed: the flank would pull, or the gap has closed.
   double margin(const Twist& x, Contact contact) const {
     const int side = static_cast<int>(contact);
     if (contact != Contact::kNone)

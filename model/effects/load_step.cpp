@@ -1,6 +1,6 @@
-// Load step: a torque from one moment on, where T_load acts.  T_load += T for t >= t_step
+// Load step: a torque from one moment on, acting where T_load acts. T_load += T for t >= t_step
 //
-// The integrator does not stop at t_step: put it on a tick where that matters. Regressor: 1 from
+// The integrator does not stop at t_step: put it on a tick if that matters. Regressor: 1 from
 // t_step on; coefficient T.
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"

@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kOff = 0.05;  // of all sizes: what an estimate that takes one away may be off
+constexpr double kOff = 0.05;  // of all sizes: possible error of an estimate that removes one
 
 double size_of(const Effect& loss) {
   std::vector<double> coefficients(static_cast<std::size_t>(loss.tracing().regressor_count()));

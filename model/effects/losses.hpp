@@ -1,6 +1,6 @@
-// Losses that cannot be gains: friction and what an inverter drops. A model may hold one below zero
-// that takes from another of its kind, or from machine.B, where that was declared too large; in all
-// none is left below zero.
+// Losses that cannot be gains: friction and inverter drops. A model may hold a loss below zero if
+// it reduces another of its kind, or machine.B, that was declared too large; their sum must not be
+// below zero.
 #pragma once
 #include <string>
 

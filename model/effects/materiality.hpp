@@ -1,8 +1,8 @@
 // The smallest sizes worth reporting, in proportion to the drive.
 //
-// The figures are those of a servo motor of 8.1 Nm; other drives have theirs scaled by the rated
-// torque. Where that is not given: torque constant times rated current; where neither is, the
-// figures are kept as they are.
+// The figures are those of a servo motor of 8.1 Nm; those of other drives are scaled by the rated
+// torque. If that is not given: torque constant times rated current. If neither is given, the
+// figures are used unchanged.
 #pragma once
 #include <numbers>
 
@@ -19,8 +19,7 @@ inline double smallest_torque(const DriveFacts& facts, double at_8_Nm) {
   return T_rated > 0 ? at_8_Nm * T_rated / kTorqueOfFigures : at_8_Nm;
 }
 
-// rad/s, mechanical; where it is not given, 0.6 of the speed at which the EMF takes all the
-// voltage.
+// rad/s, mechanical; if it is not given, 0.6 of the speed at which the EMF takes all the voltage.
 inline double rated_speed(const DriveFacts& facts) {
   const MachineParameters& m = facts.machine;
   if (m.omega_m_rated > 0) return m.omega_m_rated;

@@ -26,7 +26,7 @@ bool has_load(const ShaftFacts& shaft) {
   return shaft.J_load > 0;
 }
 
-// Four load masses, as LoadMass has them as long as no contact changes; a lane where one does goes
+// Four load masses, computed like LoadMass while no contact changes; a lane with a change goes
 // through LoadMass.
 class FourMasses {
  public:

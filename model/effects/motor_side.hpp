@@ -1,5 +1,5 @@
-// What the motor does to a load mass behind its shaft along a record, taken once for any number of
-// shafts.
+// The motor's motion as the input of a load mass behind its shaft along a record, computed once for
+// any number of shafts.
 #pragma once
 #include <span>
 #include <vector>
@@ -10,8 +10,8 @@ namespace twinrate {
 
 class MotorSide {
  public:
-  // `behind`: the load behind the shaft at each point, T_s apart, from where it is held for so much
-  // of T_s; 0: it is what acts there.
+  // `behind`: the load behind the shaft at each point, T_s apart, held from the point on for the
+  // share `held` of T_s; 0: the load at the point.
   MotorSide(std::span<const OperatingPoint> record, std::vector<double> behind, double T_s,
             double held = 1);
   std::size_t rows() const { return rows_.size(); }
@@ -24,7 +24,8 @@ class MotorSide {
 
   // T_load of along_shaft().
   void along(const ShaftFacts& shaft, std::span<double> T_load) const;
-  // The same of several at once, a vector of rows() numbers each: bit for bit what along() gives.
+  // The same for several at once, a vector of rows() numbers each: bit for bit the result of
+  // along().
   void along(std::span<const ShaftFacts> shafts, std::span<std::vector<double>> T_load) const;
   // The load mass itself at each row; of a shaft with one.
   std::vector<ShaftState> load_mass(const ShaftFacts& shaft) const;
@@ -37,8 +38,8 @@ class MotorSide {
 
   double T_s_;
   std::vector<Row> rows_;
-  // Where another stretch of time begins. What the load did before is not known: it is at rest
-  // against the motor there.
+  // Start of another stretch of time. The earlier motion of the load is unknown: it is assumed at
+  // rest against the motor.
   struct Start {
     std::size_t row = 0;
     double omega_m = 0;

@@ -1,6 +1,6 @@
 // A torque that is periodic in time, or in the angle with an order that need not be whole: a
 // vibration of the bench, a gear, a belt. Outside the catalogue of causes: a stop-gap that
-// describes what it does, not what it is.
+// describes the torque without a cause.
 //
 //   T_load += A sin(2 pi f t + nu theta_m + phase)
 //
@@ -45,7 +45,7 @@ class PeriodicTorque final : public TraceableEffect {
     amplitude_ = std::hypot(values[0], values[1]);
     phase_ = math::atan2(values[1], values[0]);
   }
-  // Where a line was found: its place is refined. Nothing is searched on a grid.
+  // The place of a found line is refined. Nothing is searched on a grid.
   std::vector<TracedKey> traced_keys() const override {
     std::vector<TracedKey> keys;
     if (f_ > 0) keys.push_back({.key = "frequency_Hz", .grid = {f_}});

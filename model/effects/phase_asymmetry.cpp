@@ -1,12 +1,12 @@
-// Phases of unlike resistance: a bad joint, a long lead.
+// Phases of unequal resistance: a bad joint, a long lead.
 //
 //   drop of a phase = change i
 //   u_dq_drop = Park(Clarke([change_a i_a, change_b i_b, change_c i_c]))
 //
-// In rotor axes a constant part, the mean change times the current, and one of order 2 n_p from the
-// differences. The mean is what `resistance` is. Regressors: one a phase, so that the usual case,
-// one phase off, is one coefficient and two zeros; a pair of phases against the third would need
-// all of both and `resistance` besides wherever the third is the bad one.
+// In rotor axes it has a constant part, the mean change times the current, and a part of order 2
+// n_p from the differences. The mean equals `resistance`. Regressors: one a phase, so that the
+// usual case, one phase off, is one coefficient and two zeros; a pair of phases against the third
+// would need both and `resistance` as well if the third is the bad one.
 #include "model/effects/registry.hpp"
 #include "model/effects/shapes.hpp"
 #include "model/effects/traced.hpp"
@@ -50,7 +50,7 @@ class PhaseAsymmetry final : public TraceableEffect {
     return {linear_key("change_a_Ohm"), linear_key("change_b_Ohm"), linear_key("change_c_Ohm")};
   }
   double materiality(const DriveFacts& facts) const override {
-    // What it is beyond a common change of all three.
+    // The part beyond a common change of all three.
     return (change_.maxCoeff() - change_.minCoeff()) / (0.02 * facts.machine.R_s);
   }
 

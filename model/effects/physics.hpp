@@ -14,7 +14,7 @@ struct LegFacts {
 // The rotor's second mass behind a shaft: its share of machine.J, and the shaft between.
 //   T_shaft = K (delta less the gap) + D delta',  0 inside the gap;  delta = theta_m - theta_load
 //
-// The flanks of a gap only push: where the sum would pull, the torque is 0.
+// The flanks of a gap only push: if the sum would pull, the torque is 0.
 struct ShaftFacts {
   double J_load = 0;     // kgm2, of machine.J
   double stiffness = 0;  // Nm/rad; 0: no shaft, one rigid mass
@@ -43,7 +43,7 @@ class EffectPhysics {
   // Its addition to i_around.
   virtual Vec2 current_around(const OperatingPoint&) const { return Vec2::Zero(); }
 
-  // True if a switched inverter itself does what at() averages: the facts then replace at().
+  // True if a switched inverter itself makes the average of at(): the facts then replace at().
   virtual bool describe_legs(LegFacts&) const { return false; }
   // True if the plant has to carry a second mass.
   virtual bool describe_shaft(ShaftFacts&) const { return false; }

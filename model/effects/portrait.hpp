@@ -27,7 +27,7 @@ struct Portrait {
   Signal signal = kNoSignal;    // of the first two panels
   Over over = kNoAxis;          // axis of the first panel
   const char* equation = "";
-  const char* shows = "";             // where it shows
+  const char* shows = "";             // the signal in which it is visible
   const char* taken_for = "";         // other causes of the same picture
   int orders = 60;                    // of the spectrum
   bool switched = false;              // a second curve with the switched inverter

@@ -1,6 +1,6 @@
-// Winding resistance that is not machine.R_s, or that drifts away from it as the winding warms up.
+// Winding resistance that differs from machine.R_s, or drifts away from it as the winding warms up.
 //
-//   Delta_R(t) = change (1 - exp(-(t - start)/tau)),  0 before;  change throughout where tau = 0
+//   Delta_R(t) = change (1 - exp(-(t - start)/tau)),  0 before;  change throughout if tau = 0
 //   u_dq_drop = Delta_R i_dq, that of the terminals
 //
 // Regressor at a given tau: the same for a change of 1; coefficient change. The tracer lets it

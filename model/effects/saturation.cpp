@@ -1,16 +1,16 @@
-// Saturation: iron that carries much flux carries less of the next ampere's.
+// Saturation: iron with much flux adds less flux for the next ampere.
 //
 //   psi_q   = L_q i_q f(|i_q|/I_s)                     likewise along d
 //   psi_dq += [0, psi_q - L_q i_q]
 //
 //   form   rational   f(x) = 1/(1 + x)
-//          square     f(x) = 1/(1 + x^2) up to x = 0.8, on along the tangent beyond (the formula
-//                     falls from x = 1 on, which no iron does)
+//          square     f(x) = 1/(1 + x^2) up to x = 0.8, then along the tangent (the formula falls
+//                     from x = 1 on, which no iron does)
 //          tanh       f(x) = tanh(x)/x
 //
-// share_q, share_d: of L, what saturates; the rest stays. May be above 1 where machine.L_q is not
-// the inductance at no current. I_s = 0: no saturation. The d axis saturates where current_d_A is
-// given, by its current alone.
+// share_q, share_d: the part of L that saturates; the remainder is constant. May be above 1 if
+// machine.L_q is not the inductance without current. I_s = 0: no saturation. The d axis saturates
+// if current_d_A is given, by its current alone.
 //
 // Regressors, one for each axis that saturates (q first), and coefficient c:
 //
@@ -18,8 +18,8 @@
 //   square     L i (f - 1)/c    c = 1/I_s^2     at c = 0: -L i^3
 //   tanh       L i (f - 1)/c    c = 1/I_s^2     at c = 0: -L i^3/3
 //
-// So a regression can start from no saturation at all; each further round at the I_s found comes
-// closer. set_coefficients takes c <= 0, more inductance at more current, as no saturation.
+// So a regression can start from no saturation; each further round at the I_s found comes closer.
+// set_coefficients takes c <= 0, more inductance at more current, as no saturation.
 #include <algorithm>
 
 #include "model/effects/registry.hpp"
@@ -32,7 +32,7 @@ namespace {
 constexpr const char* kFormNames[] = {"rational", "square", "tanh"};
 enum Form : int { kRational = 0, kSquare = 1, kTanh = 2 };
 
-// psi/(L I_s) less x = |i|/I_s: what saturation takes, as a positive number.
+// psi/(L I_s) less x = |i|/I_s: the loss by saturation, as a positive number.
 double lost(Form form, double x) {
   constexpr double kEnd = 0.8, kTop = kEnd / (1 + kEnd * kEnd);
   constexpr double kSlope = (1 - kEnd * kEnd) / ((1 + kEnd * kEnd) * (1 + kEnd * kEnd));
@@ -41,11 +41,11 @@ double lost(Form form, double x) {
   return x < 1e-2 ? x * x * x / 3 * (1 - 0.4 * x * x) : x - math::tanh(x);
 }
 
-// One axis: the flux that is lacking is coefficient() times regressor().
+// One axis: the missing flux is coefficient() times regressor().
 struct Axis {
   double I_s = 0;  // A
   double share = 1;
-  double L = 0;  // H, what saturates
+  double L = 0;  // H, the saturating part
 
   double coefficient(Form form) const {
     if (I_s == 0) return 0;

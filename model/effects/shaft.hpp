@@ -7,8 +7,8 @@
 //   (J - J_load) omega_m' = T_em - B omega_m - effects - T_shaft
 //   J_load omega_load' = T_shaft - T_load           the external load acts behind the shaft
 //
-// T_load is the declared one and what is undeclared of it (Effect::behind_shaft); all other effects
-// are the motor's own.
+// T_load is the declared load plus undeclared loads behind the shaft (Effect::behind_shaft). All
+// other effects act on the motor side.
 //
 // Seen from the machine's own equation J omega_m' = T_em - .. - T_load the effect is therefore
 // T_load += T_shaft - T_load and J += -J_load. (Two-inertia model as in Nordin and Gutman 2002,
@@ -35,22 +35,22 @@ inline double shaft_torque(const ShaftFacts& shaft, double delta, double delta_r
   return 0;
 }
 
-// The load turns with the motor and the shaft holds T_load; in mid-gap where there is none to hold.
+// The load turns with the motor and the shaft holds T_load; in mid-gap without a load.
 ShaftState shaft_at_rest(const ShaftFacts& shaft, double omega_m, double T_load);
 
 // The load behind the shaft at each point: T_load and the effects that act there.
 std::vector<double> load_behind_shaft(const Effects& effects,
                                       std::span<const OperatingPoint> record);
 
-// What the shaft adds to the machine's equation along a record, from theta_m of its points and the
-// load behind it: the load mass is simulated behind the measured angle, from rest against the
-// motor. Exact for an acceleration of the motor and a load that are constant within a sample, but
-// for the moment at which a gap closes or opens, which is interpolated. theta_m may be wrapped into
-// a turn. A load that rattles through a wide gap (30 mrad, hardly damped) remembers every small
-// error of an impact until it comes to rest on a flank.
+// Contribution of the shaft to the machine's equation along a record, from theta_m of its points
+// and the load behind it: the load mass is simulated behind the measured angle, from rest against
+// the motor. Exact for an acceleration of the motor and a load that are constant within a sample,
+// except for the moment at which a gap closes or opens, which is interpolated. theta_m may be
+// wrapped into a turn. A load that rattles through a wide gap (30 mrad, hardly damped) remembers
+// every small error of an impact until it comes to rest on a flank.
 //
-// In `T_load` its torque; the inertia is -J_load everywhere. In `sums` both, with T_load alone
-// behind it.
+// `T_load` gets the torque; the inertia is -J_load throughout. `sums` gets both, with T_load alone
+// behind the shaft.
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record,
                  std::span<const double> behind, double T_s, double held, std::span<double> T_load);
 void along_shaft(const ShaftFacts& shaft, std::span<const OperatingPoint> record, double T_s,

@@ -1,11 +1,12 @@
-// Shapes that several effects share.
+// Common shapes of several effects.
 //
-//   smooth_sign(omega, scale) = tanh(omega/scale)    the sign of a speed, smooth where it is
-//                                                    integrated; within 0.5 % of +-1 above 3 scale
+//   smooth_sign(omega, scale) = tanh(omega/scale)    the sign of a speed, smooth for the
+//                                                    integrator;
+//                                                    within 0.5 % of +-1 above 3 scale
 //   saturate(x) = max(-1, min(1, x))                 the sign of a current, linear near zero
-//   current_sign(x, shape)                           the same with other ways round the corner:
+//   current_sign(x, shape)                           the same with other shapes of the corner:
 //                                                    tanh x, 2/pi atan(pi/2 x), x/sqrt(1 + x^2);
-//                                                    slope 1 at zero, +-1 far out, all of them
+//                                                    all with slope 1 at zero and +-1 far out
 //   sine(amplitude, phase): amplitude sin(angle + phase) = c_0 sin(angle) + c_1 cos(angle)
 //   whole_orders(least, most): least, least + 1, .. most, as a grid
 #pragma once

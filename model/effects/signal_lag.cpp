@@ -1,14 +1,14 @@
-// A signal that arrives late: by a time, or through a first-order filter.
+// A signal with a lag: a delay, or a first-order filter.
 //
 //   delay          reading(t) = true(t - lag)
 //   first_order    lag reading' = true - reading; a delay_share of the lag may be a pure delay in
 //                  front of the filter
 //
-// signal current, angle, speed: what is read. signal voltage: what is asked for acts lag later, so
-// a log has it early by lag; over a sample the mean that acts is (1 - f) u_{k-n} + f u_{k-n-1} in
-// stator axes, n + f = lag/T_s (first_order: the mean behind the filter, model/effects/lag.hpp).
+// signal current, angle, speed: a lag of the reading. signal voltage: the request acts lag later,
+// so it is early by lag in a log; over a sample the acting mean is (1 - f) u_{k-n} + f u_{k-n-1} in
+// stator axes, n + f = lag/T_s (first_order: the mean after the filter, model/effects/lag.hpp).
 //
-// A memory, so at() is zero: along() gives u_dq_drop (asked less acting) or reading less truth,
+// A memory, so at() is zero: along() gives u_dq_drop (requested less acting) or reading less truth,
 // linear between samples.
 #include "model/effects/lag.hpp"
 #include "model/effects/memory.hpp"
@@ -20,7 +20,7 @@ namespace {
 using Record = std::span<const OperatingPoint>;
 using Sums = std::span<Contribution>;
 
-// A sequence behind a delay and a filter, either of which may be nothing.
+// A sequence after a delay and a filter, either of which may be absent.
 template <class Value, class Filter>
 class Late {
  public:
@@ -94,8 +94,8 @@ class SignalLag final : public TraceableEffect, public EffectMemory {
 
   Traits traits() const override {
     const bool late_voltage = signal_ == SamplingFacts::kVoltage;
-    // A late angle turns the voltage by far more than noise. Only noise tells it from a late
-    // voltage, and a filter from a delay.
+    // A late angle turns the voltage by far more than noise does. Only noise distinguishes it from
+    // a late voltage, and a filter from a delay.
     const bool late_angle = signal_ == SamplingFacts::kAngle && delay() > 0;
     return {.equation = late_voltage ? Equation::kElectrical : Equation::kSensing,
             .family = {Family::kLag, 0},

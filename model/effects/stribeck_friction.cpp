@@ -1,4 +1,4 @@
-// Stribeck friction: what dry friction has more at low speed, until the film of grease carries.
+// Stribeck friction: the excess of dry friction at low speed, until the film of grease carries.
 //
 //   T_load += T_S exp(-(|omega_m|/omega_S)^exponent) tanh(omega_m/omega_smooth)
 //

@@ -1,4 +1,4 @@
-// Torsion: part of the inertia sits behind a shaft that twists (two masses).
+// Torsion: part of the inertia is behind a shaft that twists (two masses).
 //
 //   (J - J_load) omega_m' = T_em - B omega_m - T_shaft
 //   J_load omega_load'    = T_shaft - T_load

@@ -10,7 +10,7 @@ inline TracedKey linear_key(const char* key) {
   return {.key = key, .linear = true};
 }
 
-// machine.i_rated; 7 A where the drive's file does not say.
+// machine.i_rated; 7 A if the drive file does not give it.
 inline double rated_current(const DriveFacts& facts) {
   return facts.machine.i_rated > 0 ? facts.machine.i_rated : 7;
 }

@@ -12,10 +12,10 @@
 
 namespace twinrate {
 
-// A parameter that the tracer fits: a key of fields(); of a choice the position. The start of a
-// linear parameter comes from the regression on regressors(), or, where there are none, on the
-// contributions along the record at a small value of it; for the others each value of the grid is
-// tried first (empty: moments of the record, every 0.1 s).
+// A parameter that the tracer fits: a key of fields(), or the index of a choice. The start value of
+// a linear parameter comes from the regression on regressors() or, without regressors, on the
+// contributions along the record at a small value of it. For the other parameters each value of the
+// grid is tried first (empty: moments of the record, every 0.1 s).
 struct TracedKey {
   const char* key;
   std::vector<double> grid = {};

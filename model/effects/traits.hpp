@@ -10,7 +10,7 @@ namespace twinrate {
 
 struct None {};
 
-// A list that is stated: an array with static storage, or none.
+// A stated list: an array with static storage, or none.
 template <class T>
 class Stated {
  public:
@@ -60,7 +60,7 @@ struct Traits {
   };
 
   // Its contribution is periodic in the angle or in time, at constant currents and speed. An order
-  // counts periods a mechanical turn: `order` where it is fixed, else the value of the key.
+  // counts periods a mechanical turn: `order` if it is fixed, else the value of the key.
   struct Period {
     enum In { kUnstated, kNothing, kAngle, kTime, kAngleOrTime };
     In in = kUnstated;
@@ -71,7 +71,7 @@ struct Traits {
     bool of_angle() const { return in == kAngle || in == kAngleOrTime; }
   };
 
-  // Whether a drive may have it more than once. By key: two of one kind are different effects where
+  // Whether a drive may have it more than once. By key: two of one kind are different effects if
   // the key differs by `distance` or more, or, at a distance of 0, differs at all.
   struct Repeats {
     enum How { kUnstated, kOnce, kByKey, kFreely };
@@ -100,7 +100,7 @@ struct Traits {
     kNone,
     kSome,    // in a column that stays mostly signal
     kMimics,  // columns that together can take the shape of the residual's own noise
-    kInSum,   // each column is mostly signal, the sum of all is noise where i_d is zero
+    kInSum,   // each column is mostly signal, the sum of all is noise if i_d is zero
   };
 
   // The picture in which it can be seen by eye.
@@ -132,8 +132,7 @@ struct Traits {
     kConstantSpeeds,
     kVaried,
   };
-  // Another kind that looks like it, and the run that separates the two. The other kind says the
-  // same.
+  // A similar kind, and the run that separates the two. The other kind has the same entry.
   struct Relative {
     const char* kind;
     Run run;
@@ -173,8 +172,8 @@ struct Traits {
     Of of = kOne;
   };
 
-  // A fault of the samples that shows this effect, with the key that holds its size, and the
-  // position of a choice where one is needed.
+  // A fault of the samples that shows this effect, with the key of its size, and the index of a
+  // choice if needed.
   struct FromFault {
     enum Fault { kCoarseCurrents, kLimitedCurrents, kMissingRows, kStaleRows, kHeldCurrents };
     Fault fault;
@@ -183,7 +182,7 @@ struct Traits {
     int position = 0;
   };
 
-  // A loss is never negative; of one that continues a declared loss, the sum of both is not.
+  // A loss is never negative; for one that continues a declared loss, the sum of both is not.
   enum class Loss { kUnstated, kNo, kYes, kBeyondViscosity };  // machine.B
 
   Equation equation = Equation::kUnstated;
@@ -192,7 +191,7 @@ struct Traits {
   Repeats repeats;
   Place place = Place::kUnstated;
   Noise noise = Noise::kUnstated;
-  Answer on_command = Answer::kUnstated;  // changes the voltage command, whatever the current
+  Answer on_command = Answer::kUnstated;  // changes the voltage command, whatever the current is
   Loss loss = Loss::kUnstated;
   View view = View::kUnstated;
   Run told_by = Run::kUnstated;  // the run that separates it from most others

@@ -1,6 +1,6 @@
 // Viscous friction beyond the machine's B: bearings, grease, eddy currents.  T_load += b omega_m
 //
-// Regressor: omega_m; coefficient b. B itself stands in [machine]: only the sum can be identified.
+// Regressor: omega_m; coefficient b. B itself is in [machine]: only the sum is identifiable.
 #include "model/effects/materiality.hpp"
 #include "model/effects/registry.hpp"
 

@@ -1,6 +1,6 @@
-// Voltage that is not what was asked for, in proportion: a bus voltage read wrong.
+// Voltage that differs from the request in proportion: a wrong reading of the bus voltage.
 //
-//   u = (1 + gain) asked,  u_dq_drop = -gain u_dq
+//   u = (1 + gain) requested,  u_dq_drop = -gain u_dq
 //
 // Regressor: -u_dq; coefficient gain.
 #include "model/effects/registry.hpp"
