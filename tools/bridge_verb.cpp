@@ -1,6 +1,7 @@
 // twinrate bridge: a real drive on its line.
 //
-//   probe    who answers, at which rate, what the line does to the frames; --clear leaves the off state
+//   probe    the drive's answer, its rate, the errors of frames on the line; --clear leaves the off
+//            state
 //   listen   the drive runs its own control: estimator and logger shadow it
 //   run      the host closes the loop: as launch with plant.kind = bridge
 #include <fmt/format.h>
@@ -43,7 +44,7 @@ std::vector<std::string> overrides_of(const BridgeOptions& o, const char* mode) 
   return list;
 }
 
-// Of a drive that the host only listens to nothing is said of watchdog and voltage vectors.
+// In mode listen, watchdog and voltage vectors are not reported.
 void print_info(const DriveInfo& info, const std::string& port, const BridgeParameters& bridge) {
   fmt::print("{}: {}\n", port, info.name.empty() ? "(no name)" : info.name);
   if (info.f_s_Hz > 0) fmt::print("  control rate   {:g} Hz\n", info.f_s_Hz);
@@ -85,7 +86,7 @@ void print_line(const Json& json) {
   std::cout << json.dump() << std::endl;
 }
 
-// Clears by hand; says what became of it.
+// Clears by hand; reports the result.
 int clear(Conversation& talk, int reason, bool json) {
   constexpr double kPatience_ms = 2000, kAskAgain_ms = 200;
   const bool was_latched = talk.protocol().info()->reason != 0;
@@ -142,7 +143,7 @@ RoundTrips ask_round_trips(Conversation& talk, double for_s) {
                                             1e-9 * static_cast<double>(now_ns() - begun) < for_s;
        ++trips.asked) {
     if (const auto us = talk.round_trip_us(kPatience_ms)) trips.spread.late_us.push_back(*us);
-    while (talk.next()) {  // the samples meanwhile are not those that watch() counts
+    while (talk.next()) {  // watch() does not count the samples of this time
     }
   }
   return trips;

@@ -169,7 +169,7 @@ std::vector<std::string> joined(std::vector<std::string> list,
   return list;
 }
 
-// The bandwidths nearest to the defaults of this machine that hold n. Throws BadInput where none does.
+// The bandwidths nearest to the defaults of this machine that hold n. Throws BadInput if none does.
 Candidate bandwidths_for(const DesignOptions& o, double omega_e, int n_of_filter) {
   LqrParameters p;
   scale(p, load_drive(o.drive, o.overrides).drive());

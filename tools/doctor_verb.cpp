@@ -48,7 +48,7 @@ std::vector<Finding> examine(const DoctorOptions& options) {
   // Without a route, LCM reports the same failure after a long wait.
   if (findings.back().severity == Severity::kOk) {
     findings.push_back(check_lcm_loopback(address));
-    // Loopback is not needed where multicast works over another interface.
+    // Loopback is not needed if multicast works over another interface.
     if (findings.back().severity == Severity::kOk && findings[1].severity == Severity::kFail)
       findings[1].severity = Severity::kWarn;
   }
@@ -85,7 +85,7 @@ void print(double rate_Hz, const RingResult& ring, bool json) {
   std::fflush(stdout);
 }
 
-// A set of processes without a drive: what is left of a tick is for the drive.
+// A set of processes without a drive: the remaining time of a tick is available for the drive.
 int measure_realtime(const DoctorOptions& o) {
   const RealtimeParameters wanted;
   for (const OtherSet& set : other_sets())

@@ -71,7 +71,7 @@ std::vector<std::string> bridge_overrides(const IdentifyOptions& o) {
   return list;
 }
 
-// What --set says of inverter, sensors and rates is no secret of the motor.
+// Overrides of inverter, sensors and rates by --set; they are no secret of the motor.
 std::vector<std::string> rig_overrides(const IdentifyOptions& o) {
   std::vector<std::string> list;
   for (const std::string& item : o.overrides)
@@ -80,7 +80,7 @@ std::vector<std::string> rig_overrides(const IdentifyOptions& o) {
   return list;
 }
 
-// The motor that the experiments run on, and the emulated drive behind a bridge with bridge.emulate.
+// The motor of the experiments, and the emulated drive behind a bridge with bridge.emulate.
 struct Bench {
   ProcessSet emulator;
   std::unique_ptr<Rig> rig;

@@ -81,7 +81,7 @@ std::vector<OwnProgram> own_programs(const std::vector<std::string>& texts) {
   return list;
 }
 
-// The page is a process of its own: whatever happens to it, the drive goes on.
+// The page is a separate process: the drive continues if it fails.
 void start_scope(const LaunchOptions& o, const std::string& directory, ProcessSet& set) {
   std::vector<std::string> arguments = {"scope", "--port", std::to_string(o.scope_port), "--config",
                                         directory + "/config.toml"};

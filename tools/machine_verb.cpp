@@ -84,7 +84,7 @@ void make(const MachineOptions& o) {
   fmt::print("written to {}; next: twinrate simulate {}\n", path, path);
 }
 
-// The first comment line of a preset, which says what it is.
+// The first comment line of a preset, which describes it.
 std::string description(const std::string& preset) {
   constexpr std::size_t kMost = 84;
   std::ifstream in(preset_directory() + "/" + preset + ".toml");

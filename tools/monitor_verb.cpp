@@ -27,7 +27,7 @@ struct MonitorOptions {
 };
 
 constexpr double kTimeout_s = 3, kRepeat_s = 0.1;
-constexpr double kStart_s = 5;  // a set that is starting answers once all its processes are there
+constexpr double kStart_s = 5;  // a starting set answers once all its processes run
 
 request_t request_of(const MonitorOptions& o) {
   request_t request{};
@@ -103,7 +103,7 @@ class Replies {
   // The plant alone replied, with a refusal: no other process will reply.
   bool refused_by_plant_alone() const { return !refused_by_plant_.empty() && answered_.empty(); }
 
-  // Prints who refused, or that nobody replied; the exit code.
+  // Prints the process that refused, or that nobody replied; returns the exit code.
   int conclude() {
     if (refused_by_.empty() && !refused_by_plant_.empty())
       refused_by_[refused_by_plant_] = role_name(static_cast<int>(Role::kPlant));

@@ -1,4 +1,4 @@
-// twinrate new: the folder of an own process, which builds and closes the loop as it is.
+// twinrate new: the folder of an own process, which builds and closes the loop unchanged.
 #include <fmt/format.h>
 
 #include <filesystem>

@@ -31,8 +31,8 @@ struct ReplayOptions {
   bool lockstep = false, repair = false, json = false;
 };
 
-// manifest.json counts what the log holds, also of a log whose writer was killed. Only an event in
-// the log itself shows that nothing came after.
+// manifest.json counts the messages of the log, also of a log whose writer was killed. Only an
+// event in the log itself shows that nothing came after it.
 bool ends_with_a_stop(const RunLog& log) {
   return std::any_of(log.events.begin(), log.events.end(), [](const EventRecord& event) {
     return event.reason == static_cast<int>(Reason::kStopRequested);

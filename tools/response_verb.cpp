@@ -51,7 +51,7 @@ std::ptrdiff_t measured_lines(const Response& r) {
                        [](const ResponseLine& l) { return l.measured(); });
 }
 
-// What makes the test signal larger.
+// The option that makes the test signal larger.
 const char* hint(const Response& r) {
   return r.of == ResponseOf::kSpeed ? "; a faster reference.slew_rad_s2 admits a larger one" : "";
 }

@@ -34,8 +34,8 @@ double seconds_of(const std::string& option, const std::string& text) {
   return value;
 }
 
-// A drive that launch runs is found by its run directory, as twinrate set finds it: its drive file and its
-// token are there. Empty where there is none.
+// A drive started by launch is found by its run directory, like in twinrate set: its drive file and
+// its token are there. Empty if there is none.
 std::optional<RunningSet> running_set(const scope::ScopeOptions& o, const std::string& directory) {
   try {
     const RunningSet set = find_running_set(directory);
@@ -59,7 +59,7 @@ void find_drive(scope::ScopeOptions& o) {
 
 int show(ScopeVerb o) {
   o.scope.history_s = seconds_of("--history", o.history);
-  // The runs beside the one that is shown.
+  // The runs beside the displayed one.
   const std::filesystem::path log = std::filesystem::path(o.scope.log);
   if (!o.scope.log.empty() && std::filesystem::is_directory(log))
     o.scope.runs_directory = std::filesystem::absolute(log).lexically_normal().parent_path();

@@ -56,7 +56,7 @@ HandAnswer ask(DriveHand& hand, const SetOptions& o) {
   return hand.steer(fmt::format("{}", fmt::join(o.lines, "\n")), o.tick);
 }
 
-// What was asked for, as the answer repeats it.
+// The request in the words of the answer.
 std::string told(const SetOptions& o) {
   if (!o.add_effects.empty()) return "with the effects of " + o.add_effects;
   if (!o.remove_effects.empty()) return "without the effects of " + o.remove_effects;

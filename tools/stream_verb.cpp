@@ -34,9 +34,9 @@ double duration_of(const std::string& option) {
   return seconds;
 }
 
-// Says `ready` once it listens. Passes every message of the bus to `take`, and calls `between` in
-// between. Sends nothing: the drive does not wait for this process. Returns the messages that did
-// not arrive here.
+// Prints `ready` once it listens. Passes every message of the bus to `take`, and calls `between` in
+// between. Sends nothing: the drive does not wait for this process. Returns the number of messages
+// that did not arrive here.
 template <class Take, class Between>
 std::int64_t listen(const StreamOptions& o, const std::string& ready, Take take, Between between) {
   using Clock = std::chrono::steady_clock;

@@ -152,7 +152,7 @@ bool say_damage(const DriveLogs& logs) {
   return !logs.damage.empty();
 }
 
-// What a trace of full drive logs leaves beside its result.
+// Data of a trace of full drive logs besides its result.
 struct Read {
   std::vector<VerifyLog> replayed;  // with --verify
   bool damaged = false;             // a log is not whole

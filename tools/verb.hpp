@@ -42,8 +42,8 @@ void add_tune_verb(CLI::App& app, int& exit_code);
 using AddVerbs = void (*)(CLI::App& app, int& exit_code);
 int run_verb_of(AddVerbs add_verbs, int argc, const char* const* argv);
 
-// What a build with some of the verbs does not have: throws MachineError, with the command that
-// builds it. A verb that it lists is refused whatever its options are.
+// For a part that a build with some of the verbs lacks: throws MachineError, with the command that
+// builds it. A listed absent verb is refused whatever its options are.
 [[noreturn]] void refuse_absent(const std::string& what);
 void add_absent_verb(CLI::App& app, const char* name, const char* purpose);
 

@@ -1,5 +1,5 @@
 // The verbs that run a simulated drive and show the run (TWINRATE_VERBS=SIMULATED, which tools/demo
-// builds). --help lists the others too; each says how to build it.
+// builds). --help lists the others too, each with the command that builds it.
 #include "tools/run_verb.hpp"
 #include "tools/verb.hpp"
 

@@ -1,5 +1,5 @@
 // The checks of `twinrate doctor`. Each returns one finding; a finding that is not ok has the
-// command that mends it.
+// command that fixes it.
 #pragma once
 #include <string>
 #include <vector>

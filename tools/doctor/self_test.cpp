@@ -96,7 +96,7 @@ Outcome answer_of(pid_t child, int pipe_in) {
 
 Finding check_lcm_loopback(const std::string& address) {
   const std::string url = private_url(address);
-  // The stock programs and a set use sockets of their own: one may be heard where the other is not.
+  // The stock programs and a set use different sockets: one may be heard if the other is not.
   if (!heard_by_the_sockets_of_a_set(url))
     return {"lcm", Severity::kFail,
             "a message of the sockets that `launch` uses does not come back", multicast_mend()};

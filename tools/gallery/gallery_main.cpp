@@ -1,7 +1,7 @@
 // effect_gallery DIR [KIND ...]: one page and one figure an effect, DIR/effects-gallery.md and
 // DIR/effects/.
 //
-//   for each effect: [closed loop with it, and without] -> signal, order spectrum, where it shows
+//   for each effect: [closed loop with it, and without] -> signal, order spectrum, visible place
 //
 // The drive is niewiara2020 with exact sensors, its paper's controller without compensation, 2 Nm,
 // 60 rpm; the effect alone. kOverSpeed: a ramp from -60 to 60 rpm without the 2 Nm.
@@ -152,7 +152,7 @@ std::vector<Line> where_it_shows(const Trace& with, const Trace& without, int or
           fmt::format("ripple {:.2g} {} rms, orders {}", a.rms, info.unit, strongest(a.spectrum));
     if (std::abs(shift) > 1e-4 * info.rated)
       text += fmt::format("; mean {:+.2g} {}", shift, info.unit);
-    // A decade is a fifth of the bar: 1e-5 of the rated value to all of it.
+    // A decade is a fifth of the bar: from 1e-5 of the rated value to the whole value.
     const double size = std::max(relative, std::abs(shift) / info.rated);
     lines.push_back({info.name, text, size > 1e-5 ? 1 + std::log10(size) / 5 : 0});
   }
