@@ -1,9 +1,12 @@
 # Precompiled headers and unity builds, for a short build. They do not change the flags of an object.
 #
 # The headers of the libraries used are parsed once instead of once a source file. Three sets: Eigen and std, with
-# text and JSON above them, with the test libraries above those. Sources with flags of their own
+# text and LCM above them, with the test libraries above those. Sources with flags of their own
 # (instruction sets, benchmarks) have SKIP_PRECOMPILE_HEADERS. The sets hold no header of this tree, and every source
 # also compiles with TWINRATE_PCH=OFF and TWINRATE_UNITY=OFF.
+#
+# No set holds nlohmann/json.hpp: it defines literals, which instantiate the parser in each translation unit that uses
+# the set. That costs a unit without JSON more time than the set saves a unit with JSON.
 #
 # Unity builds: several files form a translation unit, which instantiates the templates of GoogleTest, Eigen and fmt
 # once. Tests with equal names in their unnamed namespaces have namespaces of their own (twinrate::NAME_test).
@@ -28,7 +31,7 @@ endif()
 set(twinrate_pch_model_headers <algorithm> <array> <cmath> <complex> <cstddef> <cstdint> <functional> <map> <memory>
     <numbers> <optional> <span> <string> <string_view> <utility> <vector> <Eigen/Core> <Eigen/LU>)
 set(twinrate_pch_headers ${twinrate_pch_model_headers} <chrono> <filesystem> <fstream> <set> <sstream> <thread>
-    <Eigen/Cholesky> <fmt/format.h> <fmt/ranges.h> <lcm/lcm-cpp.hpp> <nlohmann/json.hpp>)
+    <Eigen/Cholesky> <fmt/format.h> <fmt/ranges.h> <lcm/lcm-cpp.hpp>)
 set(twinrate_pch_tests_headers ${twinrate_pch_headers} <Eigen/Dense> <gtest/gtest.h>)
 
 # twinrate_precompiled_set(SET [LIBRARIES ..]): the set of headers `twinrate_SET`, as a target.
