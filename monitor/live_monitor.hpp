@@ -84,8 +84,8 @@ class LiveMonitor {
   // Requests the addition of the proposed effects; false without a proposal.
   bool add_proposed();
   void added(std::int64_t k);
-  // [[effect]] tables to be removed from the running processes, once. Pass the answer to removed() or
-  // refused().
+  // [[effect]] tables to be removed from the running processes, once. Pass the answer to
+  // removed() or refused().
   std::optional<std::string> take_removal();
   void removed(std::int64_t k);
   void refused(const std::string& why);
