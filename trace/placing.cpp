@@ -12,16 +12,17 @@ namespace {
 
 constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
 constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
-constexpr double kWorthwhile = 0.97;  // error that another descent must leave, of what it was
-// Times the error of the shaft: gaps whose first descents leave more come to nothing. (Of 30 logs
-// with a gap the worst left 0.98, of those with a shaft the best 1.29; beside coarse ADCs 0.95.)
+constexpr double kWorthwhile = 0.97;  // share of the error below which a descent is repeated
+// Error of the best gap after the first descents, over the error of the shaft: above these
+// ratios the search ends without a gap. (In 30 logs with a gap the worst ratio was 0.98. In logs
+// with a shaft the best was 1.29, and 0.95 with coarse ADCs.)
 constexpr double kNearShaft = 1.15, kNearGap = 1;
-constexpr double kHopeless = 1.5;       // times the best: such an error is not worth going on from
-constexpr double kFirstStep = 0.15;     // of the logarithm of a key
-constexpr double kWrongInertia = 0.02;  // of machine.J: is worth a fit with another,
-constexpr double kWorthInertia = 0.9;   // which must leave less than this share
+constexpr double kHopeless = 1.5;       // times the best error: points above it are dropped
+constexpr double kFirstStep = 0.15;     // change of the logarithm of a key
+constexpr double kWrongInertia = 0.02;  // of machine.J: a smaller correction is not fitted
+constexpr double kWorthInertia = 0.9;   // and it must leave less than this share of the torque
 
-// Over the blocks kept back, too.
+// Inner products over the training blocks and the held-out blocks.
 double dot_everywhere(const Fitter& fitter, const Sampled& a, const Sampled& b) {
   return fitter.training().dot(a, b) + fitter.held_out().dot(a, b);
 }
@@ -29,8 +30,8 @@ double against_everywhere(const Fitter& fitter, const Sampled& column, const Sam
   return fitter.training().against(column, residual) + fitter.held_out().against(column, residual);
 }
 
-// What columns explain of all that `now` leaves, in the blocks kept back, too; leaves their
-// coefficients.
+// Energy of the residual of `now` that the columns explain, on training and held-out blocks. Sets
+// their coefficients.
 double explained_everywhere(const Fitter& fitter, const Fit& now, const std::vector<Sampled>& x,
                             Eigen::VectorXd& coefficients) {
   const auto n = static_cast<Eigen::Index>(x.size());
@@ -45,11 +46,11 @@ double explained_everywhere(const Fitter& fitter, const Fit& now, const std::vec
   return coefficients.dot(normal.b);
 }
 
-// Where the currents that were fitted stay inside every zone around zero, only those kept back show
-// which it is.
+// The zone around zero current that explains most, on training and held-out blocks. If the currents
+// of the training blocks stay inside every zone, only the held-out blocks determine it.
 std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const Effect& effect) {
   constexpr const char* kZone = "linear_current_A";
-  constexpr double kRounding = 1e-6;  // zones that hold all currents explain the same
+  constexpr double kRounding = 1e-6;  // zones that contain all currents explain the same
   std::shared_ptr<Effect> best;
   double most = 0;
   const auto look = [&](double zone_A) {
@@ -95,8 +96,8 @@ std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
     return best ? best : effect;
   }
   if (!is_placed(*effect, Traits::Place::kMoment)) return effect;
-  // Over all blocks: where it stands in a held-out one only that shows the moment. Behind a shaft a
-  // step does more than step.
+  // Over all blocks: a moment in a held-out block is visible only there. Behind a shaft a load step
+  // also excites the resonance.
   const double T = get_key(*effect, "torque_Nm");
   Effects together = now.effects();
   together.push_back(effect);
@@ -155,9 +156,9 @@ std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const E
     set_key(*gap, "damping_Nms_rad", damping);
     return gap;
   };
-  // Near the shaft without a gap that comes nearest: the gap made it softer and overdamped. Such a
-  // shaft comes near with any gap and nearly all of the mass, and no descent leads out of there; so
-  // starts of every mass are tried.
+  // First near the best shaft without a gap: the gap made it softer and overdamped. A gap of any
+  // width with nearly all of the inertia behind such a shaft has a small error, and no descent
+  // leaves that region. So starts with other load inertias are tried as well.
   std::vector<std::shared_ptr<Effect>> grid;
   ShaftSearch::Points starts;
   const auto keep_best = [&](std::size_t most) {

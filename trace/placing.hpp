@@ -7,30 +7,32 @@
 
 namespace twinrate {
 
-// A moment (load_step) searched more and more finely, a torsion by simplex, the zone of what turns
-// at a current's zero by its grid; any other effect as it is.
+// Searches the moment of a load step in ever finer steps, the keys of a torsion by simplex, and the
+// zone of an effect that depends on a current's zero from its grid. Returns any other effect
+// unchanged.
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
                                const std::shared_ptr<Effect>& effect);
 
-// The torsion that leaves least, by simplex from the best of the candidates: where it rings at all
-// times, the noise is part resonance, and whitened by that no torsion scores.
+// The torsion with the smallest residual torque, by simplex from the best candidates. If the shaft
+// rings all the time, the noise model contains its resonance, and after whitening by that model no
+// torsion has a good score. Null if there is no candidate.
 std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
                                        const std::vector<Candidate>& candidates);
 
-// A gap looks like a soft shaft until the load mass is followed through it, and its impacts make
-// the error rough in the parameters: backlash in the place of `shaft`, searched on
-// grids around it and away from it, then by simplex. Nothing where none comes near.
+// Searches a backlash that replaces `shaft`: on grids around it and away from it, then by simplex.
+// A gap looks like a soft shaft until the load mass is simulated through it, and its impacts make
+// the error a rough function of the parameters. None if no gap fits nearly as well as the shaft.
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
-// The same near a gap that is about right.
+// The same from a start near the solution.
 Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft);
 
-// False for a shaft whose resonance is beyond the tracer's band, or damped too much to be one.
+// False for a shaft whose resonance is above the tracer's band, or damped too much to be one.
 bool rings(const Effect& effect);
-// Of the torque equation with the fit's members, before whitening: its square, and whether that is
-// so far above what noise makes that a gap is worth looking for.
+// Squared norm of the residual torque with the fit's members, before whitening.
 double plain_torque(const Fitter& fitter, const Fit& fit);
-// The same as a sum over pieces of their norms: an impact that was not met spoils one of them.
+// The same residual as a sum of the norms of pieces: a missed impact spoils only one of them.
 double plain_pieces(const Fitter& fitter, const Fit& fit);
+// True if the squared norm is more than twice that of its noise.
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit);
 
 }  // namespace twinrate

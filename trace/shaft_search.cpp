@@ -9,9 +9,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kApart = 0.26;     // of the logarithm of a key: within it, one start will do
-constexpr std::size_t kPiece = 64;  // outputs that are compared together
-constexpr double kLeastInertia = -0.4, kMostInertia = 0.8;  // of machine.J, where it is free
+constexpr double kApart = 0.26;     // of the logarithm of a key: nearer starts count as one
+constexpr std::size_t kPiece = 64;  // outputs in a piece
+constexpr double kLeastInertia = -0.4, kMostInertia = 0.8;  // of machine.J, if it is free
 
 std::vector<std::string> keys(const Effect& shaft) {
   std::vector<std::string> names = {"J_load_kgm2", "stiffness_Nm_rad", "damping_Nms_rad"};
@@ -26,7 +26,7 @@ Eigen::VectorXd logs(const ShaftSearch::Point& p) {
   return x;
 }
 
-// Such a shaft with other keys.
+// A copy of the shaft with other keys.
 std::shared_ptr<Effect> moved(const ShaftSearch::Point& like, const Eigen::VectorXd& logs) {
   std::shared_ptr<Effect> shaft = like.shaft->clone();
   const std::vector<std::string> names = keys(*shaft);
@@ -91,7 +91,7 @@ ShaftSearch::Points ShaftSearch::at(std::vector<std::shared_ptr<Effect>> shafts)
     possible.push_back(s);
     points[s].shaft->describe_shaft(these.emplace_back());
   }
-  constexpr std::size_t kTogether = 8;  // memory
+  constexpr std::size_t kTogether = 8;  // limits the memory
   std::vector<std::vector<double>> T_load(std::min(kTogether, these.size()));
   for (std::size_t first = 0; first < these.size(); first += kTogether) {
     const std::size_t count = std::min(kTogether, these.size() - first);
@@ -128,12 +128,12 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double&
   for (Eigen::Index first = 0; first < left.size(); first += kRows) {
     const auto y = left.segment(first, kRows), a = acceleration_.segment(first, kRows);
     const double noise = noise_.size() ? noise_.segment(first, kRows).squaredNorm() : 0;
-    // Noise of y - j a: n (at_motor + j/J), with n that of all of J.
+    // Noise of y - j a: n (at_motor + j/J), n the noise with all of J at the motor.
     pieces.push_back({y.squaredNorm() + (1 - at_motor * at_motor) * noise,
                       y.dot(a) + at_motor * noise / J,
                       std::max(0.0, a.squaredNorm() - noise / (J * J))});
   }
-  // A sum of norms is least where squares weighted by their reciprocals are.
+  // The minimum of a sum of norms is that of the squares, weighted by the reciprocal norms.
   for (int round = 0; free_ && round < kRounds; ++round) {
     double both = 0, squares = 0;
     for (const Piece& p : pieces) {
@@ -150,7 +150,7 @@ double ShaftSearch::error_of(const Eigen::VectorXd& left, double J_load, double&
 
 namespace {
 
-// One of Nelder and Mead's simplices.
+// One simplex of Nelder and Mead's method.
 class Simplex {
  public:
   using Point = ShaftSearch::Point;
@@ -162,7 +162,7 @@ class Simplex {
     }
   }
 
-  // Shafts whose error it has to know next; none at the end.
+  // Shafts whose errors the next step needs; none at the end.
   const std::vector<std::shared_ptr<Effect>>& wanted() const { return wanted_; }
   void learn(std::span<const Point> found, int most) {
     wanted_.clear();
@@ -178,7 +178,7 @@ class Simplex {
         points_.back() = away_;
         break;
       case Asked::kFurther:
-        --tried_;  // one step with the one before
+        --tried_;  // counts as one with the step before
         points_.back() = found[0].error < away_.error ? found[0] : away_;
         break;
       case Asked::kNearer:
@@ -216,7 +216,7 @@ class Simplex {
   }
 
   std::vector<Point> points_;
-  Eigen::VectorXd centre_;  // of all but the worst
+  Eigen::VectorXd centre_;  // of all points but the worst
   Point away_;
   Asked asked_ = Asked::kCorners;
   std::vector<std::shared_ptr<Effect>> wanted_;
@@ -254,7 +254,7 @@ ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
   constexpr double kHelps = 0.99;  // of the error before
   const Eigen::Index n = logs(best).size();
   Eigen::MatrixXd ways = Eigen::MatrixXd::Identity(n, n);
-  if (n == 4) {  // a gap: what keeps the resonance, or the time of the next impact
+  if (n == 4) {  // a gap: also along equal resonance, or equal time of the next impact
     ways.conservativeResize(n, n + 3);
     ways.rightCols(3) << 1, 1, 0,  // J_load
         1, 1, 1,                   // stiffness
@@ -276,7 +276,7 @@ ShaftSearch::Point ShaftSearch::along_keys(Point best) const {
   return best;
 }
 
-// The best few, no two of them with nearly the same mass and gap.
+// The best points, at most `most`, no two of them with nearly the same load inertia and gap.
 std::vector<ShaftSearch::Point> apart(std::vector<ShaftSearch::Point> points, std::size_t most) {
   std::sort(points.begin(), points.end(), ShaftSearch::better);
   std::vector<ShaftSearch::Point> chosen;
