@@ -15,10 +15,10 @@
 namespace twinrate {
 namespace {
 
-// The newcomer is more than a few pieces of the record ask for: what they disagree by is far less
-// than its size. (What rows were filled with in a few quick turns can be fitted, too.) Where much
-// else is missing they disagree by that, and what acts at a few moments only is known by few of
-// them; then it must take a good part of the held-out error.
+// True if the newcomer is present in the whole record: the disagreement of the record's pieces is
+// far less than its size. (The values that fill lost rows in a few fast turns can be fitted, too.)
+// Other missing effects also make the pieces disagree, and an effect that acts at a few moments is
+// visible in few of them. Then it must remove a good part of the held-out error. Shafts are exempt.
 bool everywhere(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kSigmas = 5, kGoodPart = 0.2;
   ShaftFacts shaft;
@@ -28,10 +28,11 @@ bool everywhere(const Fitter& fitter, const Fit& next, const Fit& now) {
          largest_wald(next, fitter.robust_covariance(next), last) > kSigmas * kSigmas;
 }
 
-// Of the held-out error: a share of what the newcomer changes there, which is all of it where it
-// is true (what lost rows were filled with, and what a shaft leaves, can be fitted, too). Where
-// it changes nothing the blocks kept back do not excite it, and cannot speak. And what holds
-// noise may live on that of the others, which is not quite known.
+// Least fall of the held-out error: a share of the energy of the newcomer's change there, which a
+// true effect removes completely. (The values that fill lost rows, and the residual of a shaft, can
+// be fitted, too.) If there is no change, the held-out blocks do not excite the newcomer and cannot
+// refuse it. A newcomer that holds noise must also remove more than the uncertainty of the noise
+// that the other members bring.
 double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kShare = 0.4, kNothing = 1;
   const Effect& newcomer = *next.members.back();
@@ -45,8 +46,8 @@ double least_gain(const Fitter& fitter, const Fit& next, const Fit& now) {
   return std::max(doubt, std::min(fitter.margin(), kShare * whole) - kNothing);
 }
 
-// A shaft that is most of what the torque leaves, and rings at moments of which the blocks kept
-// back hold none: they cannot speak.
+// True for a shaft that explains most of the residual torque and rings at moments outside the
+// held-out blocks, which then cannot refuse it.
 bool rings_at_other_moments(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kMost = 0.4, kNoMore = 1.1;
   ShaftFacts shaft;
@@ -55,8 +56,9 @@ bool rings_at_other_moments(const Fitter& fitter, const Fit& next, const Fit& no
          plain_torque(fitter, next) < kMost * plain_torque(fitter, now);
 }
 
-// Beside a shaft whose impacts are not met to the last bit: a line that explains next to nothing of
-// what the shaft does; or anything that mends, by chance, a little of what the shaft leaves.
+// True for a newcomer beside a shaft whose impacts are not simulated exactly if it is a line that
+// explains very little compared with the shaft, or any effect that reduces the shaft's residual a
+// little by chance.
 bool is_chance_improvement(const Fitter& fitter, const Fit& next, const Fit& now) {
   constexpr double kOfShaft = 0.02, kOfRest = 0.1, kOfNoise = 0.03, kOfHeldOut = 0.02;
   if (!has_shaft(now.members)) return false;
@@ -76,9 +78,9 @@ bool is_chance_improvement(const Fitter& fitter, const Fit& next, const Fit& now
          next.y.torque.squaredNorm() > (1 - share) * now.y.torque.squaredNorm();
 }
 
-// Its coefficients are so many sigmas from zero that no fit without it need be tried.
+// True if a coefficient is so many standard deviations from zero that no fit without it is needed.
 bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
-  constexpr double kTimes = 20;  // what it costs
+  constexpr double kTimes = 20;  // times the price of its parameters
   const double N = static_cast<double>(fitter.training().count(fit.y));
   const double price =
       fitter.margin() + static_cast<double>(parameters_of(*fit.members[m])) * std::log(N);
@@ -100,8 +102,8 @@ std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& ca
   const std::vector<Candidate> lines = strongest_lines(fitter.chain(), fit);
   for (Score& s : score_all(fitter, fit, lines)) scores.push_back(std::move(s));
   std::erase_if(scores, [](const Score& s) { return !s.effect || !s.valid; });
-  // Of places of one sort a later one must be better by more than rounding: zones that hold all
-  // currents have the same gain.
+  // Of the grid points of one sort a later one must be better by more than rounding: zones that
+  // contain all currents have the same gain.
   constexpr double kRounding = 1e-6;
   std::map<std::string, Score> best;
   for (const Score& s : scores) {
@@ -146,16 +148,18 @@ bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now) {
 
 bool is_gap(const LeftByShaft& gap, const LeftByShaft& shaft, double gain, double more,
             double margin) {
-  constexpr double kGap = 0.1;         // of a shaft's gain: what a gap in it must bring besides
-  constexpr double kHeldOutToo = 0.8;  // of the held-out error: a gap that doubles the gain
-  constexpr double kFollowed = 0.85;   // of the error by pieces: such a gap is one, too
-  // Whitened by a noise that is still part resonance, a gap may pass for a lightly damped shaft,
-  // or the other way round.
+  constexpr double kGap = 0.1;         // share of the shaft's gain that the gap must add
+  constexpr double kHeldOutToo = 0.8;  // of the held-out error, if a gap doubles the gain
+  constexpr double kFollowed = 0.85;   // limit of the sum over pieces
+  // If the noise model still contains part of the resonance, a gap and a lightly damped shaft may
+  // be confused after whitening. So the residual torque before whitening must fall, too.
   const double plain = gap.plain / shaft.plain;
   const bool better = plain < 1 && more > std::max(margin, kGap * gain);
-  // Squares count the few impacts that were not met for more than all that were.
+  // In a sum of squares a few missed impacts outweigh all that were met. Norms of pieces avoid
+  // that.
   const bool followed = gap.held_out < shaft.held_out && gap.pieces < kFollowed * shaft.pieces;
-  // As much again as the shaft brought, and on the blocks kept back too, is no matter of weights.
+  // A gap that adds more than the gain of the shaft, and lowers the held-out error, too, does not
+  // depend on the whitening.
   const bool twice = more > gain && gap.held_out < kHeldOutToo * shaft.held_out;
   return better || plain < kGapErrorRatio || followed || twice;
 }

@@ -1,5 +1,5 @@
-// What the selection and the judge share: the order in which candidates are looked at, and what a
-// newcomer must bring.
+// Common parts of the selection and the judge: the ranking of the candidates, and the conditions
+// that a newcomer must meet.
 #pragma once
 #include <functional>
 
@@ -9,43 +9,46 @@ namespace twinrate {
 
 using Say = std::function<void(const std::string&)>;
 
-// Candidates of one sort differ in a place on a grid only.
+// Kind of an effect, with its choices if it has no regressors. Candidates of one sort differ only
+// in their grid point.
 std::string sort_of(const Effect& effect);
 
-// Best of each sort beside the fit, best sort first; lines (trace/lines.hpp) among them.
+// The best candidate of each sort beside the fit, the best first, including lines
+// (trace/lines.hpp).
 std::vector<Score> ranked(const Fitter& fitter, const std::vector<Candidate>& candidates,
                           const Fit& fit);
 
-// Whether the last member of `next`, which `now` does not have, may be taken: it lowers the error
-// on held-out blocks, is large enough to matter, not absurdly large, and is there in all of the
-// record.
+// True if the last member of `next`, which `now` does not have, is acceptable: it lowers the
+// held-out error, reaches the smallest size worth reporting, is plausible, and is present in all of
+// the record.
 bool acceptable(const Fitter& fitter, const Fit& next, const Fit& now);
 
-// False where it is larger than what a running drive lacks: something else, told in its words.
+// False if the effect is larger than any that a running drive can have: it has another cause.
 bool plausible(const Effect& effect, const DriveFacts& facts);
 
-// Whether a shaft that was refused takes so much of the held-out error that it stands for a gap
-// whose impacts cannot be followed: an overdamped shaft does, and nothing else.
+// True if a refused shaft removes so much of the held-out error that it represents a gap whose
+// impacts cannot be simulated. Only an overdamped shaft does.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
 
-// Of the plain error: a gap that leaves less is one.
+// Share of the squared residual torque before whitening: a gap that leaves less is accepted.
 inline constexpr double kGapErrorRatio = 0.75;
 
-// What a shaft leaves of the torque before whitening, as a square and as a sum over pieces, and of the held-out
-// blocks, whitened.
+// Residuals with a shaft: of the torque before whitening, as a squared norm and as a sum of the
+// norms of pieces, and of the held-out blocks, whitened.
 struct LeftByShaft {
   double plain = 0, pieces = 0, held_out = 0;
 };
-// Whether a gap takes the place of a shaft without one. `gain`: by how much the shaft lowers the score; `more`: the
-// gap besides.
+// True if a shaft with a gap replaces one without. `gain`: fall of the score by the shaft without a
+// gap; `more`: further fall by the gap.
 bool is_gap(const LeftByShaft& gap, const LeftByShaft& shaft, double gain, double more,
             double margin);
 
-// By how much the gain of one effect may fall short of another's in its place: a dead time is not
-// told as an inverter's drop whose slope explains, or mends, next to nothing.
+// Amount by which the gain of `effect` may be smaller than that of `other` in its place. It is
+// positive for a dead time against an inverter's drop, so that a drop whose slope explains almost
+// nothing is not reported.
 double credit(const Effect& effect, const Effect& other, double gain);
 
-// The fit without the members that do not pay for their parameters.
+// The fit without the members that do not justify their parameters.
 Fit without_superfluous(const Fitter& fitter, Fit fit, const Say& say);
 
 }  // namespace twinrate

@@ -13,8 +13,8 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostTried = 3;   // kinds refined in place of a member
-constexpr std::size_t kMostAsGood = 6;  // if they seem to explain as much
-constexpr double kAsGood = 0.95;        // of a member's gain, before they are refined
+constexpr std::size_t kMostAsGood = 6;  // the same, if they seem to explain as much
+constexpr double kAsGood = 0.95;        // of a member's gain, estimated before refinement
 constexpr double kNotRefined = std::numeric_limits<double>::quiet_NaN();
 
 // True for one kind with the same choices: a filter is not a delay.
@@ -104,8 +104,8 @@ class Judge {
     return slope && get_key(effect, slope) == 0;
   }
 
-  // Replaces a member by another kind if the score is better and the error of the rows that are not
-  // fitted is no worse.
+  // Replaces a member by another kind or form if the score is better and the held-out error is at
+  // most kWorseRatio times the present one.
   bool swap_one() {
     looks_.clear();
     for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
@@ -121,7 +121,7 @@ class Judge {
         if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
         ++tried;
         Fit next = refined(looks_.back(), s);
-        if (is_flat_drop(*next.members.back())) continue;  // a dead time by another name
+        if (is_flat_drop(*next.members.back())) continue;  // equals a dead time
         const double gain = score_of(fitter_, without) - score_of(fitter_, next);
         const Effect &newer = *next.members.back(), &older = *selection_.fit.members[m];
         if (gain + credit(newer, older, gain) <= gain_now + credit(older, newer, gain_now) + 1 ||
@@ -188,7 +188,7 @@ class Judge {
   const std::vector<Candidate>& candidates_;
   const Say& say_;
   Selection selection_;
-  std::vector<WithoutOne> looks_;  // by member of the last set that no swap improved
+  std::vector<WithoutOne> looks_;  // one for each member of the last set, which no swap improved
 };
 
 }  // namespace

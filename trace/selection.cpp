@@ -15,13 +15,13 @@ namespace twinrate {
 namespace {
 
 constexpr std::size_t kMostMembers = 12;
-constexpr std::size_t kMostTried = 3;   // kinds refined at each step,
-constexpr std::size_t kMostAsGood = 5;  // where none was good or the next is as good as the first,
-constexpr double kAsGood = 0.98;        // in gain
-constexpr double kTwoMissing = 20;      // margins that each of two must explain to be taken at once
-constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: still worth refining
-constexpr double kSameMoment_s = 1e-3;            // a step that is placed there again stays
-constexpr double kWorseThanPlaced = 1.1;          // times the error of a shaft where it was placed
+constexpr std::size_t kMostTried = 3;   // kinds refined at each step
+constexpr std::size_t kMostAsGood = 5;  // while none is acceptable, or if as good as the first
+constexpr double kAsGood = 0.98;        // share of the first gain that is as good
+constexpr double kTwoMissing = 20;      // margins that each of two must gain to be added at once
+constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: refined above it
+constexpr double kSameMoment_s = 1e-3;            // a step that moves by less stays
+constexpr double kWorseThanPlaced = 1.1;          // times the residual torque of the placed shaft
 
 std::string describe(const Effect& effect) {
   std::string text(effect.kind());
@@ -42,7 +42,7 @@ bool has_step(const Members& members) {
                      [](const auto& m) { return is_placed(*m, Traits::Place::kMoment); });
 }
 
-// The effect is another name for the slope of one of the members.
+// True if the effect equals the slope of one of the members.
 bool names_a_slope(const Members& members, const Effect& effect) {
   return std::any_of(members.begin(), members.end(), [&](const auto& m) {
     const Traits::Reading* slope = reading_of(*m, Traits::Reading::kItsSlope);
@@ -58,7 +58,7 @@ class Selector {
   Fit step(const Members& members, RoundState& state) {
     gaps_left_ = state.gaps_left;
     lines_left_ = state.lines_left;
-    // A shaft has far to go: what it leaves would be taken for something else.
+    // A shaft converges slowly. The residual of an unconverged one would be explained by others.
     fit_ = fitter_.refine(
         members, has_shaft(members) ? Fitter::Until::kArrived : Fitter::Until::kComparable);
     if (!fit_.valid) fit_ = without_slope(std::move(fit_));
@@ -70,8 +70,8 @@ class Selector {
   }
 
  private:
-  // Puts a shaft with a gap in the place of `shaft`, the fit with a torsion, where that is better.
-  // A gap makes the torsion that comes nearest overdamped.
+  // Replaces `shaft`, the fit with a torsion, by one with a gap if that is better. The best torsion
+  // for a drive with a gap is overdamped.
   void look_for_gap(const Fit& now, Fit& shaft) {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
     if (gain < fitter_.margin() || !leaves_more_than_noise(fitter_, shaft) || gaps_left_ <= 0)
@@ -93,8 +93,9 @@ class Selector {
       shaft = std::move(*gap);
   }
 
-  // Whitened by a noise that is still part resonance, the best shaft may be far from the one that
-  // leaves least: from there the next round goes on.
+  // The noise model may still contain part of the resonance. Under such a model the best shaft may
+  // leave much more residual torque than the placed one. Then the next round starts from the placed
+  // one.
   Fit unless_astray(const Members& placed, Fit refined) const {
     Fit there = fitter_.start(placed);
     const bool astray = there.valid && kWorseThanPlaced * plain_torque(fitter_, there) <
@@ -114,11 +115,11 @@ class Selector {
     for (const Score& s : ranking) {
       const bool as_good = best.members.empty() || s.gain > kAsGood * first_gain;
       if (s.gain <= 0 || tried >= (as_good ? kMostAsGood : kMostTried)) break;
-      // Far from its best point on a grid, an effect without regressors scores too low.
+      // An effect without regressors scores too low on a grid point far from its best one.
       const double near = s.effect->tracing().regressor_count() == 0 ? kNearRough : kNear;
       if (!best.members.empty() && s.gain < near * first_gain) continue;
       ++tried;
-      // A shaft has far to go, and is compared with one that has a gap.
+      // A shaft converges slowly, and it is compared with one that has a gap.
       const bool shaft = is_placed(*s.effect, Traits::Place::kShaft);
       const std::shared_ptr<Effect> newcomer =
           s.effect == searched ? searched : placed(fitter_, now, s.effect);
@@ -134,7 +135,7 @@ class Selector {
       double gain = score_now - score_of(fitter_, next);
       bool good = acceptable(fitter_, next, now);
       if (!good && tried == 1 && next.valid && gain > fitter_.margin() && has_step(now.members)) {
-        // It may be that a step of those before stands at the wrong moment without it.
+        // An earlier load step may be at the wrong moment, because this effect was missing.
         Fit anew = moments_anew(next);
         good = acceptable(fitter_, anew, now);
         if (good) {
@@ -167,8 +168,9 @@ class Selector {
     return true;
   }
 
-  // Of two that are missing each alone may bend to the other where it is fitted, and be refused for
-  // what it does elsewhere. `refused` is the one that explained most; empty: no other mends it.
+  // If two effects are missing, each alone may be biased by the other on the training blocks, and
+  // be refused for its held-out error. `refused` is the refused fit with the largest gain. Empty if
+  // it is not acceptable with a second effect either.
   Fit with_another(const Fit& now, const Fit& refused) {
     const std::vector<Score> ranking = ranked(fitter_, candidates_, refused);
     if (ranking.empty() || ranking.front().gain < kTwoMissing * fitter_.margin()) return {};
@@ -182,7 +184,8 @@ class Selector {
     return good ? both : Fit{};
   }
 
-  // A load that rings whenever the drive moves stands in the spectrum as lines.
+  // A load that rings whenever the drive moves appears as lines in the spectrum. If a line has the
+  // best score, a torsion is searched and ranked behind it.
   std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
     if (lines_left_ <= 0 || ranking.empty() || ranking.front().gain <= 0 ||
         has_shaft(fit_.members) || !is_placed(*ranking.front().effect, Traits::Place::kLine) ||
@@ -199,8 +202,7 @@ class Selector {
     return torsion;
   }
 
-  // The larger gain; of two that are near one another, what is plainly better where nothing was
-  // fitted.
+  // Prefers the larger gain. If the gains are close, prefers a clearly smaller held-out error.
   static bool preferred(const Fit& next, double gain, const Fit& best, double best_gain) {
     const Effect &newer = *next.members.back(), &older = *best.members.back();
     gain += credit(newer, older, gain);
@@ -212,7 +214,8 @@ class Selector {
     return gain > best_gain;
   }
 
-  // A step beside one that is there already: that one stands at the wrong moment.
+  // If the newcomer is a step close to one of the members, that member has the wrong moment: moves
+  // it.
   bool step_moved(const Effect& newcomer) {
     for (std::size_t m = 0; m < fit_.members.size(); ++m) {
       if (!repeats_nearby(*fit_.members[m], newcomer)) continue;
@@ -228,8 +231,8 @@ class Selector {
     return false;
   }
 
-  // Beside a resistance, or below zero, the slope of an inverter's drop has nothing left to say:
-  // what remains of it is a dead time.
+  // Beside a resistance, or if it is negative, the slope of an inverter's drop is meaningless. The
+  // drop is then replaced by a dead time.
   Fit without_slope(Fit fit) const {
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
       if (!reading_of(*fit.members[m], Traits::Reading::kItsSlope)) continue;
@@ -245,7 +248,8 @@ class Selector {
     return fit;
   }
 
-  // Beside the newcomer a threshold below zero: what is left of an inverter's drop is a resistance.
+  // If the threshold of an inverter's drop is negative beside the newcomer, only its slope is left:
+  // a resistance.
   Fit without_threshold(Fit fit) const {
     Members members = with(fit.members, nullptr);
     for (std::size_t m = 0; m + 1 < members.size(); ++m) {
@@ -260,21 +264,21 @@ class Selector {
     return fit;
   }
 
-  // What stands at a moment of the record, and a shaft, were placed before the newcomer was in the
-  // model.
+  // Places the load steps and the shaft again, because the newcomer was missing when they were
+  // placed.
   void place_anew() {
     for (std::size_t m = 0; m + 1 < fit_.members.size(); ++m) {
       ShaftFacts shaft;
       if (fit_.members[m]->describe_shaft(shaft)) {
         shaft_anew(m);
-        break;  // it is the last member now
+        break;  // a new one is the last member
       }
     }
     fit_ = moments_anew(std::move(fit_));
   }
 
-  // `step` before what was fitted without it; in the place of another, not of the last member,
-  // beside which it is the same.
+  // Inserts `step` as the first member. It replaces a step that it repeats nearby, except the last
+  // member.
   Fit with_step(const Fit& without, const std::shared_ptr<Effect>& step) const {
     for (std::size_t m = 0; m + 1 < without.members.size(); ++m) {
       if (!repeats_nearby(*without.members[m], *step)) continue;
@@ -286,7 +290,7 @@ class Selector {
     return fitter_.refine(std::move(members));
   }
 
-  // With its load steps where they go best beside the last member, which stays the last.
+  // Places each load step again beside the last member, which stays the last.
   Fit moments_anew(Fit fit) const {
     for (std::size_t m = 0; m + 1 < fit.members.size(); ++m) {
       const std::shared_ptr<Effect> member = fit.members[m];
@@ -303,12 +307,12 @@ class Selector {
         if (anew.valid && anew.rss + anew.rss_held_out < fit.rss + fit.rss_held_out)
           fit = std::move(anew);
       }
-      if (fit.members.size() < count && m > 0) --m;  // two that were one: the next took its place
+      if (fit.members.size() < count && m > 0) --m;  // two steps became one, the next has its index
     }
     return fit;
   }
 
-  // Of the whole record; null where no step would help.
+  // The load step with the largest gain in the whole record; null if it is not valid.
   std::shared_ptr<Effect> best_moment(const Fit& without) const {
     std::vector<Candidate> steps;
     for (const Candidate& c : candidates_)
@@ -320,8 +324,8 @@ class Selector {
     return best != scores.end() && best->valid ? best->effect : nullptr;
   }
 
-  // Load steps where they go best with the gap that was found last, and that beside them: each
-  // shows where the other is.
+  // Places each load step again beside the gap, which is the last member, and the gap again beside
+  // the steps: the best place of one depends on the other.
   Fit with_steps(Fit gap) const {
     for (std::size_t m = 0; m < gap.members.size(); ++m) {
       if (!is_placed(*gap.members[m], Traits::Place::kMoment)) continue;

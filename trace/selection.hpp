@@ -1,30 +1,33 @@
-// Which effects are missing: forward by the best candidate (by two where each alone is refused),
-// backward by what is no longer needed, swaps; every accepted set is refined before the next look
-// (trace/scores.hpp).
+// Selects the missing effects. Forward selection adds the best candidate, or two if each alone is
+// refused. Members that are no longer needed are dropped, and members are swapped for better ones.
+// Every accepted set is refined before the next candidates are scored (trace/scores.hpp).
 //
 // A candidate must lower the score on the training blocks, lower the error on the held-out blocks,
-// and be large enough to matter (Effect::materiality). Lines that no cause of the catalogue makes
-// (trace/lines.hpp) compete with the causes, so that none of them is taken to mend a line.
+// and reach the smallest size worth reporting (Effect::materiality). Spectral lines without a cause
+// in the catalogue (trace/lines.hpp) compete with the effects, so that no effect is selected
+// because it reduces such a line.
 #pragma once
 #include "trace/acceptance.hpp"
 
 namespace twinrate {
 
-// Times the held-out error of two sets that explain nearly the same where they were fitted.
+// Ratio of held-out errors above which a set is worse than another one that explains nearly the
+// same on the training blocks.
 inline constexpr double kWorseRatio = 1.2;
-inline constexpr const char* kExplainsLess = "explains less";  // or no more
+inline constexpr const char* kExplainsLess = "explains less";  // or the same
 
 struct Alternative {
   std::string kind;
-  // Of the refined set, against the set without; not refined: an estimate, and NaN.
+  // Of the refined set, against the set without it. If it is not refined, the gain of the score is
+  // an estimate and the held-out gain is NaN.
   double score_gain = 0, held_out_gain = 0;
-  std::string why;        // why it was not taken
-  double parameters = 0;  // how many it has
+  std::string why;        // reason why it was not selected
+  double parameters = 0;  // number of its parameters
 };
 
 struct Selected {
-  Fit without;            // the others alone, refined
-  double score_gain = 0;  // of having it
+  Fit without;            // the other members alone, refined
+  double score_gain = 0;  // of the member
   double held_out_gain = 0;
   double parameters = 0;
   std::vector<Alternative> alternatives;  // best first
@@ -33,26 +36,27 @@ struct Selected {
 struct Selection {
   Fit fit;
   std::vector<Selected> members;     // of the fit
-  std::vector<Alternative> refused;  // looked at and not needed
-  int stopped_after = 0;             // rounds; 0: not stopped
+  std::vector<Alternative> refused;  // scored and not needed
+  int stopped_after = 0;             // number of rounds; 0: not stopped
 };
 
-// From one round to the next.
+// State that one round hands to the next.
 struct RoundState {
   bool added = true;   // the last round added an effect
-  int gaps_left = 2;   // searches for a gap, which are long, before shafts are taken as they are
-  int lines_left = 2;  // and for a shaft beside a line
+  int gaps_left = 2;   // remaining searches for a gap, each of which is long
+  int lines_left = 2;  // remaining searches for a shaft that appears as a line
 };
-// Drops from `members` what is not needed and adds the best candidate, if one is good enough.
+// Drops the members that are not needed and adds the best candidate if it is acceptable.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,
                const Members& members, const Say& say, RoundState& state);
-// Swaps members for better ones, and says of each what speaks for it.
+// Swaps members for better ones, drops those that raise the held-out error, and gives the gain and
+// the alternatives of each.
 Selection judge(const Fitter& fitter, const std::vector<Candidate>& candidates,
                 const Members& members, const Say& say);
-// The members as they are, with what could stand in the place of each.
+// The gain and the alternatives of each member; swaps and drops none.
 Selection compare_alternatives(const Fitter& fitter, const std::vector<Candidate>& candidates,
                                const Members& members);
-// The fit as it stands, of a trace that was stopped: nothing speaks for its members (not a number).
+// The fit of a trace that was stopped; the gains of its members are NaN.
 Selection not_judged(Fit fit, int rounds);
 
 }  // namespace twinrate

@@ -64,7 +64,7 @@ class Settler {
     if (std::count_if(sorts.begin(), sorts.end(), has) < 2) return;
     for (const std::string& sort : sorts)
       if (!has(sort)) members = with(members, make_effect(sort));
-    // A kind of friction that is absent comes out on either side of zero.
+    // The coefficient of an absent kind of friction may have either sign.
     members = fitter_.refine(members, Fitter::Until::kArrived).members;
     const Equations& equations = fitter_.chain().equations();
     std::erase_if(members, [&](const auto& m) {
@@ -152,8 +152,8 @@ class Settler {
   }
 
   // An angle and currents that are late by the same time are equivalent to a late voltage. Lags of
-  // nearly the same time are joined if the late voltage explains more. Beside a late voltage no
-  // record shows their shares.
+  // nearly the same time are joined if the late voltage explains more. If the voltage is
+  // late, too, no record determines their shares.
   void join_lags() {
     // Tolerances of the time, and factor of the held-out error. Late readings lower that error,
     // because between two rows they are means.
@@ -317,7 +317,7 @@ class Settler {
     }
   }
 
-  // A shaft can stand for a gap whose impacts could not be fitted. An inertia beside it then only
+  // A shaft can represent a gap whose impacts could not be fitted. An inertia beside it then only
   // corrects a little of the impacts' residual.
   void drop_inertia_of_impacts() {
     constexpr double kMends = 2;  // times the residual with it
