@@ -30,7 +30,7 @@ std::vector<double> coefficients_of(const Effect& effect) {
   return c;
 }
 
-// By how much it moved: a key stays inside its range.
+// Returns the change that was possible: a key stays inside its range.
 double move(Effect& effect, const FreeParameter& p, double change) {
   if (p.coefficient >= 0) {
     std::vector<double> c = coefficients_of(effect);
@@ -63,8 +63,8 @@ double smallest_coefficient(const Effect& effect, int coefficient, const DriveFa
   return sizes > 0 && std::isfinite(sizes) ? kProbe / sizes : kProbe;
 }
 
-// The sizes of member m and their places in fit.free: its coefficients, or the keys of an effect without
-// them (a lag). None of a shaft, whose size is in no one key.
+// Places in fit.free of the sizes of member m, and their values: its coefficients, or the keys of
+// an effect without coefficients (a lag). Empty for a shaft, whose size is not that of one key.
 std::pair<std::vector<Eigen::Index>, std::vector<double>> sizes_of(
     const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
   std::pair<std::vector<Eigen::Index>, std::vector<double>> sizes;
@@ -120,7 +120,7 @@ double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t
   auto [place, value] = sizes_of(fit, covariance, m);
   const auto n = static_cast<Eigen::Index>(place.size());
   if (n == 0) return 0;
-  for (Eigen::Index p = 0; p < covariance.rows(); ++p)  // behind the sizes, its other keys
+  for (Eigen::Index p = 0; p < covariance.rows(); ++p)  // after the sizes, its other keys
     if (fit.free[static_cast<std::size_t>(p)].member == m && covariance(p, p) > 0 &&
         std::find(place.begin(), place.end(), p) == place.end())
       place.push_back(p);
@@ -150,8 +150,8 @@ Fitter::Fitter(const Chain& chain, const Rows& training, const Rows& held_out)
   raw_held_out_ = held_out.energy(y, y).sum();
 }
 
-// Readings' noise, and the answer's product with it before and after the fit, half of each: the
-// slope of that is what Rows::against takes off.
+// Noise of the readings, and the product of the answer with the noise before and after the fit,
+// half of each. The derivative of this sum is the share of noise that Rows::against subtracts.
 EquationEnergy Fitter::noise_in(const Rows& rows, const Sampled& y) const {
   return rows.noise(y, y) + rows.answer(y, declared_);
 }
@@ -173,19 +173,21 @@ void Fitter::evaluate(Fit& fit) const {
 
 void Fitter::linearise(Fit& fit) const {
   fit.J.clear();
-  // Impacts come sooner or later with every key: across their bumps, not along one. The edges of
-  // a linear zone, too, are crossed by noise.
+  // Every key shifts the impacts of a gap in time. So the step is wide enough to span several local
+  // extrema of the error instead of the slope of one. Noise crosses the edges of a linear zone, so
+  // the step is wide there, too.
   constexpr double kStep = 1e-3, kGapStep = 0.02, kZoneStep = 0.03;
   const DriveFacts& facts = chain_.equations().facts();
   const Effects here = fit.effects();
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
              senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here),
              loaded = chain_.loads_shaft(here);
-  Sampled residual_here;  // where it is needed
+  Sampled residual_here;  // computed if it is needed
   for (const FreeParameter& p : fit.free) {
     const Effect& effect = *fit.members[p.member];
-    // What a sensor's error does depends on the others, and what they do on the true current; what
-    // acts on the command, on what does so before; what a shaft does, on the load behind it.
+    // True if the contribution depends on the other members: a sensor's error, an effect that
+    // depends on the true current or angle beside it, an effect on the command beside others, a
+    // shaft or a load behind it.
     const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
                       (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
                       (senses_angle && (turns_with_angle(effect) || is_shaft(effect))) ||
@@ -213,7 +215,7 @@ void Fitter::linearise(Fit& fit) const {
     };
     Sampled x;
     if (bent) {
-      // What noise makes of a coefficient's column, or a shaft, hardly depends on the others.
+      // The noise of a coefficient's column, or of a shaft, hardly depends on the other members.
       const bool of_shaft = is_of_shaft(effect), noise_known = p.coefficient >= 0 || of_shaft;
       const auto residual = [&](const std::shared_ptr<Effect>& moved) {
         Effects there = here;
@@ -240,7 +242,8 @@ void Fitter::linearise(Fit& fit) const {
     } else {
       x = both_ways();
     }
-    // A zone of the width of the noise is known by little else; what noise adds is taken off.
+    // The column of a zone as narrow as the noise is mostly noise, and regressor() would make it
+    // zero. Its share of noise is subtracted later.
     fit.J.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));
   }
 }
@@ -265,9 +268,9 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
   }
   const Eigen::Index spurious = normal.spurious(use);
   if (spurious >= 0 && fit.free[static_cast<std::size_t>(spurious)].coefficient >= 0)
-    use[static_cast<std::size_t>(spurious)] = 0;  // stays where it is
-  // A moment, or the edge of a zone, that the blocks kept back show better stays where it was
-  // placed, by all blocks.
+    use[static_cast<std::size_t>(spurious)] = 0;  // keeps its value
+  // A moment, or the edge of a zone, keeps its value if the held-out blocks determine it better: it
+  // was placed by all blocks.
   std::vector<std::pair<Eigen::Index, double>> placed;
   for (Eigen::Index a = 0; a < P; ++a) {
     const Sampled& x = fit.J[static_cast<std::size_t>(a)];
@@ -337,7 +340,7 @@ Fit Fitter::refine(Members members, Until until) const {
   const bool all_the_way = until == Until::kArrived;
   const int rounds = all_the_way ? 12 : 3;
   const double least = all_the_way ? 1e-6 : 3e-5;  // share of rss
-  constexpr double kFar = 2e-3;                    // a smaller step leaves the columns as they are
+  constexpr double kFar = 2e-3;                    // after a smaller fall the columns are kept
   Fit fit = start(std::move(members));
   double fall = 1;
   for (int round = 0; round < rounds; ++round) {

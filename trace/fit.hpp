@@ -8,21 +8,22 @@
 
 namespace twinrate {
 
-// How well the size of the noise is known: a change of the model that only makes the residual's own
-// noise larger or smaller has to bring more than this share of it.
+// Uncertainty of the noise that a change of the model adds or removes, whose size is known to a
+// tenth. A change that only alters the residual's own noise must lower the error by more than this.
 inline double noise_doubt(const EquationEnergy& change) {
   constexpr double kKnownTo = 0.1;
   return kKnownTo * (std::abs(change.electrical) + std::abs(change.torque));
 }
 
-// What is left where `explained` has gone: noise may take off too much, for its size is not quite
-// known; but what explains more than noise is not passed over for that.
+// `rss` after the subtraction of noise. The subtraction may be too large, because the size of the
+// noise is not exactly known. A model that explains more than noise (`explained` > `rows`) is not
+// refused for that: at least a share of `rows` remains.
 inline double left_of(double rss, double explained, double rows) {
   constexpr double kLeast = 0.3;
   return explained > rows ? std::max(rss, kLeast * rows) : rss;
 }
 
-// One free number: a coefficient of the regressors, or a non-linear key.
+// One free parameter: a coefficient of the regressors, or a non-linear key.
 struct FreeParameter {
   std::size_t member = 0;
   int coefficient = -1;  // -1: a key
@@ -31,53 +32,57 @@ struct FreeParameter {
 
 using Members = std::vector<std::shared_ptr<Effect>>;
 
-// Copies of all but member `left_out` (kNobody: of all), and of the newcomer where there is one.
+// Copies of all members but `left_out` (kNobody: of all), and of the newcomer if there is one.
 inline constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
 Members with(const Members& members, const std::shared_ptr<Effect>& newcomer,
              std::size_t left_out = kNobody);
 
-// True where one of them is a second mass behind a shaft, with a gap or without.
+// True if one of them is a second mass behind a shaft, with a gap or without.
 bool has_shaft(const Members& members);
 
-// Whether a column of that energy tells the coefficient: one standard deviation is within ten times
-// the smallest size worth reporting.
+// True if a column of that energy determines the coefficient: one standard deviation is less than
+// ten times the smallest size worth reporting.
 bool tells(const Effect& effect, std::size_t coefficient, double energy, const DriveFacts& facts);
 
 struct Fit {
   Members members;
   std::vector<FreeParameter> free;
   Sampled y;                   // whitened residual with the members in the model
-  std::vector<Sampled> J;      // d(explained)/d(free), whitened, where last linearised
+  std::vector<Sampled> J;      // d(explained)/d(free), whitened, at the last linearisation
   Eigen::MatrixXd covariance;  // of `free`, unit noise
   double rss = 0, rss_held_out = 0;
-  double raw_held_out = 0;  // nothing taken off for noise
-  double doubt = 0;  // of rss_held_out: noise that the members bring, taken off and not quite known
-  bool valid = true;  // parameters stand inside their ranges
+  double raw_held_out = 0;  // no noise subtracted
+  double doubt = 0;   // of rss_held_out: uncertainty of the subtracted noise that the members bring
+  bool valid = true;  // parameters are inside their ranges, rss > 0
 
   Effects effects() const { return {members.begin(), members.end()}; }
 };
 
-// By how much rss would rise, at least, without member m: the largest of its coefficients squared
-// over their variances in `covariance`, of fit.free. 0 for a shaft, whose size is in no one key.
+// Least rise of rss without member m: the largest ratio of a squared coefficient to its variance in
+// `covariance`, of fit.free. For an effect without coefficients, of a squared key. 0 for a shaft,
+// whose size is not that of one key.
 double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
-// The same of all its coefficients together, less what as many make by chance: what two of them share
-// may be unknown (the common mode of three offsets) and the rest of them far from zero. Its other keys are
-// given: where only a dead time over its zone of currents is known, that is not zero.
+// The same of all its n coefficients together, less n - 1, the mean of n - 1 by chance. A common
+// part of them may be undetermined (the common mode of three offsets) and the remainder far from
+// zero. Its other keys are given: if the record determines only the ratio of a dead time to its
+// zone of currents, that ratio is far from zero.
 double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
 class Fitter {
  public:
-  // All three must outlive it. The declared model's residual is whitened here, by the noise that the chain has now.
+  // All three must outlive it. The residual of the declared model is whitened here, by the chain's
+  // present noise model.
   Fitter(const Chain& chain, const Rows& training, const Rows& held_out);
 
   Fit start(Members members) const;
-  // The same with its columns and their covariance.
+  // The same, with the columns and their covariance.
   Fit linearised(Members members) const;
-  // Gauss-Newton: a few rounds, enough to compare sets, or until it has arrived.
+  // Gauss-Newton: a few rounds, which are enough to compare sets, or until it has converged.
   enum class Until { kComparable, kArrived };
   Fit refine(Members members, Until until = Until::kComparable) const;
-  // What an effect must bring beyond its parameters' price; kMargin where the noise is as assumed.
+  // Gain in score that an effect needs beyond the price of its parameters; kMargin if the noise is
+  // as assumed.
   static constexpr double kMargin = 40;
   double margin() const { return margin_; }
   void set_margin(double margin) { margin_ = margin; }
@@ -87,8 +92,8 @@ class Fitter {
     return std::find(left_out_.begin(), left_out_.end(), effect.kind()) != left_out_.end();
   }
   double raw_held_out() const { return raw_held_out_; }  // of the declared model
-  // Covariance of fit.free that holds where the rest is neither white nor equally large everywhere:
-  // from how much pieces of the record disagree (the sandwich of A^-1 with the scores' scatter).
+  // Covariance of fit.free for a residual that is neither white nor of constant size, from the
+  // disagreement of pieces of the record (sandwich of A^-1 with the scatter of the scores).
   Eigen::MatrixXd robust_covariance(const Fit& fit) const;
   const Rows& training() const { return training_; }
   const Rows& held_out() const { return held_out_; }
@@ -98,7 +103,7 @@ class Fitter {
   EquationEnergy noise_in(const Rows& rows, const Sampled& y) const;
   void evaluate(Fit& fit) const;
   void linearise(Fit& fit) const;
-  // Gauss-Newton's step, and by how much it should lower rss.
+  // Gauss-Newton's step; `promised`: the fall of rss that it predicts.
   Eigen::VectorXd step(Fit& fit, double& promised) const;
 
   const Chain& chain_;
@@ -107,12 +112,12 @@ class Fitter {
   double margin_ = kMargin;
   std::vector<std::string> left_out_;
   Sampled declared_;                       // residual of the declared model
-  EquationEnergy noise_, noise_held_out_;  // in it
-  double raw_ = 0, raw_held_out_ = 0;      // with it
+  EquationEnergy noise_, noise_held_out_;  // noise in it
+  double raw_ = 0, raw_held_out_ = 0;      // its energy, noise included
 };
 
-// Whether `other` explains nearly what `one` does beside `both`, on the rows that the fitter trains on: of
-// what is left, and of that less the noise which they bring.
+// True if `other` explains nearly as much as `one` on the training rows, each relative to the set
+// `both`. Must hold for the raw error, and for the error less the noise that the members bring.
 bool explains_as_much(const Fitter& fitter, const Members& both, const Members& one,
                       const Members& other);
 

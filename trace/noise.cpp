@@ -12,9 +12,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kResonance = 0.7;  // of the noise: what shafts must leave of it to be believed
-constexpr double kLeast = 0.6, kLeastBesideShafts = 0.85;  // of what the sensors make
-constexpr std::uint64_t kSeed = 0x7261772d6e6f6973;  // not of a simulated drive: noise of its own
+constexpr double kResonance = 0.7;  // of the noise: shafts count if they leave less
+constexpr double kLeast = 0.6, kLeastBesideShafts = 0.85;  // of the sensors' noise
+constexpr std::uint64_t kSeed = 0x7261772d6e6f6973;        // differs from those of simulated drives
 constexpr double kQuiet = 0.75;  // share of the record that counts as noise alone
 
 Runs first_runs(const Runs& runs, Eigen::Index n) {
@@ -25,8 +25,8 @@ Runs first_runs(const Runs& runs, Eigen::Index n) {
   return first;
 }
 
-// The quieter part of the runs, cut into pieces: what is missing and only acts now and then
-// (impacts, transients) is not noise.
+// The pieces of the runs with the least power, because a missing effect that acts only at times
+// (impacts, transients) is not noise. `kept` receives their values.
 Runs quiet_runs(const Eigen::VectorXd& x, const Runs& runs, Eigen::VectorXd& kept) {
   constexpr std::size_t kPiece = 100;
   struct Piece {
@@ -74,7 +74,7 @@ double median_power(const Eigen::VectorXd& e) {
   return *middle;
 }
 
-// The record's own noise over the noise that was added, as amplitudes.
+// Ratio of the record's own noise to the added noise, as amplitudes.
 double noise_scale(const Whitener& whitener, const Eigen::VectorXd& own,
                    const Eigen::VectorXd& added, const Runs& runs) {
   if (!own.size() || added.size() < own.size()) return 1;
@@ -84,7 +84,7 @@ double noise_scale(const Whitener& whitener, const Eigen::VectorXd& own,
   return std::sqrt(std::clamp(ratio, 0.5, 2.0));
 }
 
-// A column that does not hold that noise, to estimate it from.
+// True if a column holds hardly any noise and can be used to estimate the noise.
 bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise,
               const Eigen::VectorXd& answer) {
   constexpr double kNoisy = 0.02;  // share of its energy
@@ -92,8 +92,8 @@ bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise,
          (!noise.size() || (noise + answer).squaredNorm() < kNoisy * x.squaredNorm());
 }
 
-// Noise of a slow signal that is sampled fast: its fourth difference over the rows asked
-// for.
+// Standard deviation of the white noise on a slow signal that is sampled fast, from its fourth
+// difference at the rows of `use`.
 template <class Value>
 double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
   std::vector<double> sizes;
@@ -111,9 +111,9 @@ double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
   return std::sqrt(sum / count / 70);
 }
 
-// Rounding, and beside it what the fourth difference shows more than rounding makes.
+// Rounding errors, and white noise if the fourth difference is larger than rounding alone makes.
 std::vector<double> angle_errors(const Record& record, const std::vector<char>& moving) {
-  constexpr double kMore = 1.2;  // where a count lasts a few rows, rounding alone makes 1.1
+  constexpr double kMore = 1.2;  // if a count lasts a few rows, rounding alone makes 1.1
   const double lsb = record.angle.lsb, of_rounding = lsb / std::sqrt(12.0);
   const double all = white_noise(
       record.size(), [&](std::size_t k) { return record.theta_m[k]; }, moving);
@@ -132,7 +132,8 @@ NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
   SensorNoise noise;
   noise.theta_m = angle_errors(record, moving);
   if (!record.i_alphabeta.empty()) {
-    // In rotor axes, where a current at constant torque stands still. Not less than the ADC's steps make.
+    // In rotor axes, in which a current at constant torque is constant. At least the ADC's rounding
+    // noise.
     Vec2 sigma;
     for (const int axis : {0, 1})
       sigma[axis] = std::max(white_noise(
@@ -169,7 +170,7 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
     if (is_clean(x.q, x.noise_q, x.answer_q)) q.push_back(&x.q);
     if (is_clean(x.torque, x.noise_torque, x.answer_torque)) torque.push_back(&x.torque);
   };
-  std::deque<Sampled> differences;  // pushing leaves the others where they are
+  std::deque<Sampled> differences;  // a deque, because `take` keeps pointers
   for (const Candidate& c : dictionary.sampled) {
     if (is_placed(*c.effect, Traits::Place::kShaft) &&
         is_clean(c.columns[0].torque, c.columns[0].noise_torque, c.columns[0].answer_torque))
@@ -185,7 +186,8 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
       take(differences.back());
     }
   }
-  // Not less than what the sensors' own noise makes.
+  // The residual beside the columns, or the sensors' noise if the residual is less than a share of
+  // it.
   const auto rest = [](const Unexplained& by, std::size_t columns, const Eigen::VectorXd& of,
                        const Eigen::VectorXd& sensors, double& share, double least = kLeast) {
     const Eigen::VectorXd left = by(of, static_cast<Eigen::Index>(columns));
@@ -193,7 +195,8 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
     return left.norm() < least * sensors.norm() ? sensors : left;
   };
   NoiseModel noise;
-  // A resonance passes for noise; but many shafts together pass for anything.
+  // A resonance resembles noise, so the shafts are columns, too. But many shafts together can
+  // explain any signal, so they count only if they explain much of the noise (kResonance).
   const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
   const auto look = [](Unexplained& by, const Unexplained::Columns& columns,
@@ -226,7 +229,8 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   };
   noise.d = whitener(noise_d, sampler.electrical(), {});
   noise.q = whitener(noise_q, sampler.electrical(), {});
-  // The noisier one: what was fitted takes noise of low frequencies with it.
+  // Uses the model with more noise at low frequencies, because the fitted columns also remove
+  // low-frequency noise from the residual.
   AngleNoise angle = AngleNoise::of(noise_torque, sampler.torque(), T_out);
   if (!angle.none() && (of_sensors.none() || of_sensors.w_over_s() > angle.w_over_s()))
     angle = of_sensors;

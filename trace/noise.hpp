@@ -1,23 +1,24 @@
-// How large the noise of a record is, and what it looks like at the tracer's rate.
+// Size of a record's noise, and its model at the tracer's rate.
 #pragma once
 #include "trace/dictionary.hpp"
 #include "trace/unexplained.hpp"
 
 namespace twinrate {
 
-// The record with as much noise again on currents and angle as its samples have: the rounding of an
-// encoder's counts as rounding (trace/rounding.hpp), the rest white, of the size that the fourth
-// difference shows: of the currents in rotor axes, where one at constant torque does not turn.
+// The record with noise of the size of its own added to currents and angle: rounding errors for an
+// encoder's counts (trace/rounding.hpp), and white noise for the remainder. The fourth difference
+// gives the size of the white noise. For the currents it is taken in rotor axes, in which a current
+// at constant torque is constant.
 struct NoisierRecords {
-  Record answered;  // with what the controller makes of it
-  Record readings;  // the readings alone
+  Record answered;  // with the controller's response to it
+  Record readings;  // with noise on the readings alone
 };
 NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
                          const std::vector<char>& moving, double i_lsb);
-// The record with the rounding of its encoder's counts alone, the counts moved (trace/rounding.hpp).
+// The record with the rounding errors of moved counts alone (trace/rounding.hpp).
 Record with_moved_counts(const Record& record);
-// The noise model, from what no candidate can explain of `y` (sampled, not whitened). Candidates
-// whose columns hold the noise itself are left out.
+// The noise model, from the part of `y` (sampled, not whitened) that no candidate explains.
+// Candidates whose columns hold the noise itself are left out.
 class NoiseFit {
  public:
   NoiseModel operator()(const Chain& chain, const Sampled& y, const Dictionary& dictionary);

@@ -5,8 +5,9 @@
 namespace twinrate {
 namespace {
 
-// What rows leave open of the motor's torque, or of the load, between them: a step within an interval moves its mean by
-// up to half of the step. Of what the rows resolve it is next to nothing.
+// Uncertainty of the motor's torque, or of the load, between rows: a step within an interval moves
+// the interval's mean by up to half of the step. For a torque that the rows resolve it is almost
+// zero.
 Eigen::VectorXd between_rows(const Chain& chain,
                              double (*of)(const OperatingPoint&, const MachineParameters&)) {
   const MachineParameters& machine = chain.equations().facts().machine;

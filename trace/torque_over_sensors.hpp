@@ -1,12 +1,13 @@
-// Whether the torque residual is more than noise of the sensors.
+// Ratio of the torque residual to the noise of the sensors.
 #pragma once
 #include "trace/chain.hpp"
 
 namespace twinrate {
 
-// Rms of the torque residual over that of `noise` and of what rows leave open of the torque between them, all after the
-// filter that makes `noise` white: an angle's noise makes a torque that grows with the square of the frequency, and
-// would hide a slow one. 0: no row has both.
+// Rms of the torque residual over that of `noise` and of the torque's uncertainty between rows, all
+// after the filter that whitens `noise`. The noise of an angle makes a torque that grows with the
+// square of the frequency; without the filter it would hide a slow torque. 0 if the residual or the
+// noise is absent.
 double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise);
 
 }  // namespace twinrate
