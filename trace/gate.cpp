@@ -20,15 +20,16 @@
 namespace twinrate {
 namespace {
 
-constexpr double kDrawn = 1.5;  // energy: the drawn noise is known to about a third
-// The controller answers noise late, and its drawn answer is late by another time: without a lag that is there
-// the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false one 1.4 to 2.5 (five).
+constexpr double kDrawn = 1.5;  // factor of energy: the drawn noise is known to about a third
+// The controller responds to noise late, and its drawn response has another delay. Without a true
+// lag the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false
+// one 1.4 to 2.5 times (five).
 constexpr double kOfLag = 3;
-// Share of what a claim changes that a scale could change. By design: a constant load has 1, a torque of each turn
-// has none.
+// Share of a claim's change that a scale could explain. By design: a constant load has 1, a torque
+// that is periodic in the angle has 0.
 constexpr double kSteady = 0.5;
 
-// What an effect leaves of a parameter of the machine, and the bounds of this machine.
+// Share of a machine parameter that an effect leaves, and its bounds for this machine.
 struct Left {
   const char* name;
   double share, least, most;
@@ -50,14 +51,16 @@ std::vector<Left> left_of(const Effect& effect, const MachineParameters& m) {
     if (has_key(effect, key.change) && key.whole > 0)
       list.push_back({key.name, 1 + get_key(effect, key.change) / key.whole,
                       std::max(least_left, key.least), key.most});
-  // What a shaft leaves of the inertia at the motor. With nothing left the noise of an angle makes no torque.
+  // A shaft lowers the inertia at the motor. If that were zero, noise of the angle would make no
+  // torque.
   ShaftFacts shaft;
   if (effect.describe_shaft(shaft) && m.J > 0)
     list.push_back({"J at the motor", 1 - shaft.J_load / m.J, 1 / most.heaviest, 1});
   return list;
 }
 
-// Why an effect leaves another machine; empty: it does not.
+// Reason why the machine with the effect is another one; empty if it is not. `share`: of the
+// parameter that is out of bounds, or 0.
 std::string another_machine(const Effect& effect, const DriveFacts& facts, double& share) {
   for (const Left& left : left_of(effect, facts.machine)) {
     share = left.share;
@@ -94,7 +97,8 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   const JudgingRows judging(whole_, files_);
   const MachineParameters& machine = whole_.equations().facts().machine;
   const double T_s = whole_.sampler().decimation() * whole_.equations().record().T_s;
-  // Some 30 Ohm around a current of zero make any noise loud there; what is told there is no noise.
+  // A slope of some 30 Ohm around zero current amplifies any noise, so the comparisons with noise
+  // are left out there.
   const Effects& known = whole_.equations().known();
   const auto at_zero = [](const auto& effect) { return turns_at_zero(*effect); };
   const bool through_zone = std::any_of(fit.members.begin(), fit.members.end(), at_zero) ||
@@ -108,7 +112,8 @@ Gate::Asked Gate::ask(const Fit& fit) const {
                                   machine, whole_.sampler().torque(), T_s);
     asked.votes.push_back(
         vote(judging, asked.with, left, angle, *fit.members[m], through_zone, criterion_.silent));
-    // Which frequencies count more is no matter of noise that a lighter motor would make less.
+    // A lighter motor reduces the noise at every frequency. So the unwhitened torque must exceed
+    // the noise, too.
     if (angle.lighter && asked.votes.back().of_torque)
       asked.votes.back().over_noise =
           std::min(asked.votes.back().over_noise, kDrawn * torque_over_noise(judging, raw));
@@ -118,7 +123,7 @@ Gate::Asked Gate::ask(const Fit& fit) const {
   return asked;
 }
 
-// By how much the load of the log steps at the moment of a load step, Nm.
+// Step of the log's load at the moment of a load step, Nm.
 double step_of_known_load(const Record& record, const Effect& effect) {
   if (record.T_load.empty() || !has_key(effect, "time_s") || !has_key(effect, "torque_Nm"))
     return 0;
@@ -132,7 +137,8 @@ double step_of_known_load(const Record& record, const Effect& effect) {
   return std::abs(load(at + reach) - load(at - reach));
 }
 
-// In the order of what they cost; one a member, and none for those that pass (kind empty).
+// One for each member; its rule is empty if the member passes. The rules are tested in the order of
+// their cost.
 std::vector<Refused> Gate::refusals(const Asked& asked) const {
   const Members& members = asked.fit.members;
   const DriveFacts& facts = whole_.equations().facts();
@@ -151,7 +157,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (std::string why = another_machine(*members[m], facts, share); !why.empty())
       refuse(m, "physical", "", share, std::move(why));
   }
-  // An error of a known load, or of the torque constant under it, begins with that load.
+  // An error of a known load, or of the torque constant under it, begins at a step of that load.
   for (std::size_t m = 0; m < members.size(); ++m) {
     const double known_Nm = step_of_known_load(whole_.equations().record(), *members[m]);
     if (known_Nm == 0 || known_Nm < std::abs(get_key(*members[m], "torque_Nm"))) continue;
@@ -198,8 +204,8 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     ShaftFacts shaft;
     if (covariance.size() == 0 || members[m]->describe_shaft(shaft)) continue;
     const double wald = joint_wald(asked.fit, covariance, m);
-    if (!(wald > 0)) continue;  // placed by hand, or told by all of its coefficients together
-    const double between = 1 - a.size_ratio;  // of its size
+    if (!(wald > 0)) continue;                // no fitted size, or none beyond chance
+    const double between = 1 - a.size_ratio;  // share of its size
     const double sigmas = 1 / std::hypot(1 / std::sqrt(wald), between);
     if (sigmas >= criterion_.size_sigmas || !out[m].rule.empty()) continue;
     refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
@@ -216,7 +222,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   return out;
 }
 
-// All accepted together against none of them.
+// Compares all accepted claims together with the declared model.
 std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weakest) const {
   if (asked.fit.members.empty()) return std::nullopt;
   const JudgingRows judging(whole_, files_);
@@ -248,7 +254,8 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
   return std::nullopt;
 }
 
-// The one that moved most from its fit beside all of `all` to that beside what passed, if it moved far.
+// The claim whose contribution differs most between the fit of `all` and the fit of those that
+// passed, if it differs by more than `moved`.
 std::optional<Refused> Gate::moved_refusal(const Members& all, const Passed& passed,
                                            std::size_t& most) const {
   if (passed.refused.empty()) return std::nullopt;
