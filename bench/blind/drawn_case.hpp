@@ -1,16 +1,16 @@
-// A drawn machine, how it runs, what its log holds, and the effects that its drive file lacks.
+// A drawn machine, its profile, the columns of its log, and the effects that its drive file lacks.
 //
 // Profiles:
 //   rich           speeds and known loads of both signs, i_d
 //   slow           2 to 6 % of rated speed
-//   one_direction  speeds of one sign, half of them with known loads
+//   one_direction  speeds of one sign, half of the logs with known loads
 //   one_start      one start, then one speed
 //   p2p            repetitions of one point-to-point move
 //   steady         one speed from the first row on
 // Modes:
 //   full           every tick
 //   decimated      samples of single ticks at 2000, 1000, 500 or 200 Hz
-//   angle_current  t, theta_m and i_q at such a rate, without load and i_d
+//   angle_current  t, theta_m and i_q at one of these rates, without load and i_d
 //   novolt         phase currents and angle, any rate
 #pragma once
 #include <string>
@@ -28,22 +28,22 @@ struct DrawnCase {
   DrawnMachine drawn;
   std::string profile, mode;
   int every = 1;              // ticks from row to row
-  bool mean_voltage = false;  // of a row: mean in stator axes up to the next row; else of its tick
+  bool mean_voltage = false;  // true: mean in stator axes up to the next row; false: of the tick
   bool with_load = false;     // column T_load
   double slew_rad_s2 = 0;     // of the speed reference
   Profile speed_rad_s, load_Nm, i_d_A;
   std::vector<std::string> kinds;          // true effects
-  std::vector<std::string> effect_tables;  // [[effect]], one of each
+  std::vector<std::string> effect_tables;  // one [[effect]] table each
   std::string effects_toml;                // all of them
-  HiddenEffect hidden;                     // beside them, outside the catalogue
+  HiddenEffect hidden;                     // besides them, outside the catalogue
   double duration_s = 6;
 };
 
-// Half of the cases have no effect, the others one to three, 3 to 20 times (torques: 5 to 60 times)
-// their smallest size worth reporting.
-// `attempt`: another one for the same seed.
+// Half of the cases have no effect, the others one to three. Their sizes are 3 to 20 times
+// (torques: 5 to 60 times) the smallest size worth reporting. `attempt`: number of the draw with
+// the same seed.
 DrawnCase draw_case(std::uint64_t seed, int attempt = 0);
-// Nm/s, with which the declared load moves.
+// Slew rate of the declared load, Nm/s.
 double load_slew(const DrawnCase& which);
 // The drive file of the plant.
 std::string plant_toml(const DrawnCase& which);

@@ -33,7 +33,7 @@ class Maker {
   double torque(double at_8_Nm) {
     return d_.log_between(5, 60) * at_8_Nm * machine().T_rated / 8.1;
   }
-  // Phases a, b and, of three sensors, c: one of them has the size.
+  // Phases a, b and, with three sensors, c: phase a has the size, the others at most that.
   void phases(const char* a, const char* b, const char* c, double size) {
     key(a, sign() * size), key(b, size * d_.between(-1, 1));
     if (c && drawn().current_sensors == 3) key(c, size * d_.between(-1, 1));
@@ -63,7 +63,7 @@ void shaft(Maker& m, double share, double f_lo, double f_hi, double damping) {
 void signal_lag(Maker& m) {
   static const char* const kSignals[] = {"voltage", "current", "angle"};
   m.choice("signal", kSignals[m.draw().whole(0, 2)]), m.choice("form", "delay");
-  // A longer one would take the current loop's phase margin, or turn the voltage by 0.3 rad.
+  // A longer lag would use up the phase margin of the current loop, or turn the voltage by 0.3 rad.
   const double omega_e = m.machine().n_p * m.machine().omega_m_rated;
   m.key("lag_s", std::min({12e-6 * m.times(), 0.06 / m.drawn().current_bandwidth, 0.3 / omega_e}));
 }

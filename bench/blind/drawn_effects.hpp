@@ -13,8 +13,8 @@ struct DrawnLogFacts {
   double duration_s = 0;  // of the log
 };
 
-// The kinds that the plant simulates and that can be in such a log: lost and repeated rows are
-// drawn for logs of every tick alone.
+// The kinds that the plant simulates and that such a log can contain. Lost and repeated rows are
+// drawn only for logs with every tick.
 std::vector<std::string> kinds_for(bool every_tick);
 // [[effect]] table of `kind`.
 std::string draw_effect(const std::string& kind, Draw& d, const DrawnLogFacts& facts);

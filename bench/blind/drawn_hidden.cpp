@@ -14,7 +14,7 @@ using Draws = HiddenEffect (*)(Draw& d, const DrawnMachine& x);
 double torque(Draw& d, const DrawnMachine& x) {
   return d.log_between(0.01, 0.06) * x.machine.T_rated;
 }
-// Speed below which friction is soft, and a frequency that the control does not take for a load.
+// Speed below which a friction is smooth.
 double slow(const DrawnMachine& x) {
   return 0.002 * x.machine.omega_m_rated;
 }
@@ -79,7 +79,7 @@ HiddenEffect random_load(Draw& d, const DrawnMachine& x) {
   const auto seed = static_cast<std::uint64_t>(1e6 * d.between(0, 1));
   return {.name = "load that wanders",
           .depends_on = "t",
-          .torque_Nm = [=](const HiddenPoint& p) {  // a chord of six tones that do not repeat
+          .torque_Nm = [=](const HiddenPoint& p) {  // six sines without a common period
             double sum = 0;
             for (std::uint64_t j = 0; j < 6; ++j)
               sum += std::sin(kTwoPi * p.t * (0.7 + 5 * uniform(seed, 3, j)) +

@@ -14,19 +14,19 @@ struct HiddenPoint {
   Vec2 i_dq = Vec2::Zero();                // A
 };
 
-// What is empty is not there.
+// An empty function adds nothing.
 struct HiddenEffect {
   std::string name;
-  std::string depends_on;               // axes of the rest that are right, words of `where`
-  std::vector<std::string> parts = {};  // kinds that describe a part of it rightly
-  std::function<double(const HiddenPoint&)> torque_Nm = {};  // against positive speed
-  std::function<Vec2(const HiddenPoint&)> voltage_V = {};    // that the winding gets more, in d, q
-  std::function<double(const HiddenPoint&)> angle_rad = {};  // of the reading
-  std::function<double(double)> current_A = {};              // of the reading of a phase
+  std::string depends_on;               // right axes of the residual, as in `where`
+  std::vector<std::string> parts = {};  // kinds that describe a part of it
+  std::function<double(const HiddenPoint&)> torque_Nm = {};  // opposes positive speed
+  std::function<Vec2(const HiddenPoint&)> voltage_V = {};    // added to the winding, in d, q
+  std::function<double(const HiddenPoint&)> angle_rad = {};  // error of the reading
+  std::function<double(double)> current_A = {};              // reading of a phase
 };
 
 int hidden_count();
-// Number `which` of them, with a size of 5 to 30 times what matters.
+// Number `which` of them, with a size drawn in proportion to the machine.
 HiddenEffect draw_hidden(int which, Draw& d, const DrawnMachine& drawn);
 
 }  // namespace twinrate::blind

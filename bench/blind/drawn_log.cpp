@@ -21,7 +21,7 @@ class DrawnControl {
     omega_m_ = omega_ref_;
   }
 
-  // `ticks`: since the angle before; 0: there is none.
+  // `ticks`: since the previous reading; 0: there is none.
   void read_angle(double theta_m, int ticks) {
     const double a = std::min(1.0, kTwoPi * c_.drawn.filter_bandwidth * T_s_);
     if (ticks > 0) omega_m_ += a * (wrap_pi(theta_m - theta_m_) / (ticks * T_s_) - omega_m_);
@@ -69,13 +69,13 @@ HiddenPoint point_of(const Truth& truth, double t) {
   return {.t = t, .theta_m = truth.theta_m, .omega_m = truth.omega_m, .i_dq = truth.i_dq};
 }
 
-// The readings of the angle and the bus that the plant does not spoil itself.
+// Adds the errors of the readings that the plant does not simulate.
 class Readings {
  public:
   explicit Readings(const DrawnCase& c)
       : c_(c), repeats_(std::count(c.kinds.begin(), c.kinds.end(), "stale_samples") > 0) {}
   void take(const Measurement& m, const Truth& truth, Tick& tick) {
-    // Where a row is repeated so is its noise.
+    // A repeated row repeats its noise.
     const bool again = repeats_ && m.k > 0 && m.theta_m == before_.theta_m &&
                        m.v_dc == before_.v_dc && m.i_abc == before_.i_abc;
     const auto k = static_cast<std::uint64_t>(m.k);
@@ -146,7 +146,7 @@ std::vector<std::string> shown(const DrawnCase& c, double largest) {
   return kinds;
 }
 
-// In stator axes, `ahead` seconds later.
+// The hidden voltage in stator axes, `ahead` seconds later.
 Vec2 hidden_voltage(const DrawnCase& c, HiddenPoint p, double ahead) {
   if (!c.hidden.voltage_V) return Vec2::Zero();
   p.t += ahead, p.theta_m += ahead * p.omega_m;
@@ -164,7 +164,7 @@ std::vector<Tick> simulate(const DrawnCase& c) {
   Readings readings(c);
   double T_load = drive.load.T_load_Nm.at(0);
   Vec2 unseen = Vec2::Zero(), applied_unseen = unseen;
-  std::size_t last = 0;  // tick with readings
+  std::size_t last = 0;  // last tick with readings
   for (std::size_t k = 0; k < ticks.size(); ++k) {
     Tick& tick = ticks[k];
     tick.t = static_cast<double>(k) * drive.T_s();
@@ -182,7 +182,7 @@ std::vector<Tick> simulate(const DrawnCase& c) {
     T_load = slew(T_load, c.load_Nm.at(tick.t), load_slew(c), drive.T_s());
     tick.T_load = T_load, tick.i_d_ref = c.i_d_A.at(tick.t);
     Command command;
-    // The voltage acts one tick later, in whose middle the rotor has turned on.
+    // The voltage acts during the next tick, so it is that for the middle of that tick.
     applied_unseen = unseen;
     unseen = hidden_voltage(c, now, 1.5 * drive.T_s());
     command.k = m.k, command.u_alphabeta_ref = u + unseen;
@@ -190,7 +190,7 @@ std::vector<Tick> simulate(const DrawnCase& c) {
     if (c.hidden.torque_Nm) plant.follow_load(Profile({{0, T_load + c.hidden.torque_Nm(now)}}));
     plant.advance();
   }
-  ticks.pop_back();  // its voltage is not known
+  ticks.pop_back();  // its voltage is unknown
   return ticks;
 }
 

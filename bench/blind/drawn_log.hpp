@@ -1,9 +1,9 @@
-// The log of a drawn case: the project's plant under a PI current and speed control of its own,
-// with one tick of computation delay and a limit of the voltage.
+// The log of a drawn case: the project's plant under a separate PI current and speed control, with
+// one tick of computation delay and a voltage limit.
 //
-// The angle of the control is the reading; its speed the difference of two readings through a
-// first-order filter. An encoder with counts reads floor(theta_m/step) step. Sine and cosine read
-// theta_m and white noise.
+// The control uses the reading of the angle. Its speed is the difference of two readings through a
+// first-order filter. An encoder with counts reads floor(theta_m/step) step, one with sine and
+// cosine reads theta_m plus white noise.
 #pragma once
 #include "bench/blind/drawn_case.hpp"
 
@@ -23,10 +23,10 @@ Vec2 row_voltage(const DrawnCase& which, const std::vector<Tick>& ticks, std::si
 struct DrawnLog {
   std::vector<std::string> columns;
   std::vector<std::vector<double>> rows;
-  // Without effects that no row of the log shows: a limit of the converter that is never reached.
+  // Kinds of the true effects, without a converter limit that no row reaches.
   std::vector<std::string> truth;
   double largest_current = 0, largest_speed = 0;  // A, rad/s
-  bool ran_away = false;  // the loop did not hold the drive: no log to judge on
+  bool ran_away = false;                          // the loop lost the drive: the log is not used
 };
 
 DrawnLog make_log(const DrawnCase& which);

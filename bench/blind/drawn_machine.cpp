@@ -11,7 +11,7 @@
 namespace twinrate::blind {
 namespace {
 
-// Slots of a balanced three-phase winding, 0.4 to 2 a pole and phase and fewer.
+// Slots of a balanced three-phase winding: 0.2 to 2 per pole and phase, at most 72.
 int draw_slots(Draw& d, int n_p) {
   std::vector<int> allowed;
   for (int slots = 3; slots <= std::min(72, 12 * n_p); slots += 3)

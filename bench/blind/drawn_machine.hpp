@@ -1,5 +1,5 @@
-// A machine drawn at random, whose data belong together as those of a real motor do: speed from
-// bus voltage and flux linkage, torque from flux linkage and current, resistance from the share of
+// A machine drawn at random with parameters that fit one another as in a real motor: flux linkage
+// from bus voltage and speed, torque from flux linkage and current, resistance from the share of
 // copper loss, inductance from its voltage at rated load, inertia from the time to rated speed.
 #pragma once
 #include <string>
