@@ -187,7 +187,7 @@ const std::map<std::string, std::function<std::string(Draw&)>>& makers() {
   return kMakers;
 }
 
-// Added after the publication of figures: it must not change the draws of the other kinds.
+// Added after figures were published, so it must not change the draws of the other kinds.
 constexpr const char* kLaterKind = "dc_bus_ripple";
 
 struct Step {

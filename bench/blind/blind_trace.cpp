@@ -71,7 +71,7 @@ std::vector<Case> cases_of(const Options& o) {
           cases.push_back(make_case(s % 2 ? "slow" : "moves", {kind},
                                     static_cast<std::uint64_t>(40000 + 100 * s) + cases.size()));
     }
-  // After the others: a seed is the number of cases before it.
+  // Last, because the seeds of the other sets depend on the number of cases before them.
   if (o.kinds.empty() && std::count(o.sets.begin(), o.sets.end(), "single") > 0)
     for (int s = o.first_seed; s < o.first_seed + o.seeds; ++s)
       cases.push_back(
@@ -92,7 +92,7 @@ std::string set_of(const Case& which) {
                                    : "triple";
 }
 
-// Parameter errors of the true effects found, in sigmas.
+// Parameter errors of the true effects that were found, in standard deviations.
 std::vector<double> errors_in_sigmas(const TraceResult& r, const Effects& truth, bool print) {
   std::vector<double> sigmas;
   for (const TracedEffect& e : r.effects)

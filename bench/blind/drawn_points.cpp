@@ -14,7 +14,8 @@
 namespace twinrate::blind {
 namespace {
 
-// What sensors add to one signal, in the order of its rows. `unit`: its size on this drive.
+// Adds the errors of the sensors to one signal, row by row. `unit`: size of the signal on this
+// drive.
 class Readings {
  public:
   Readings(Draw& d, Spoilt spoilt, double unit, std::uint64_t seed)
@@ -46,7 +47,7 @@ std::shared_ptr<Effect> made(const char* kind, const std::vector<std::pair<const
   return effect;
 }
 
-// Half of what is worth reporting, of every constant.
+// Changes every constant by half of the smallest size worth reporting.
 void make_small(MachineParameters& m, Draw& d) {
   m.R_s *= 1 + 0.01 * d.either(-1, 1);
   m.L_d *= 1 + 0.007 * d.either(-1, 1);
@@ -76,7 +77,8 @@ std::shared_ptr<Effect> draw_iron(Draw& d, const DriveFacts& facts, double i_max
   }
 }
 
-// What no kind of the catalogue does to a flux map: axes that are turned, a ripple, an offset.
+// Changes of a flux map that no kind of the catalogue describes: turned axes, a ripple, a part of
+// |psi| in q.
 Vec2 unknown_flux(int which, double size, double phase, const Vec2& i, const Vec2& psi,
                   double i_max) {
   if (which == 0) {

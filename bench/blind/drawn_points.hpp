@@ -1,6 +1,6 @@
-// Static sets and bus voltages of machines drawn at random: with nothing missing and sensors that
-// are noisy, loud, coarse or drift, with something that no kind describes, and with one effect of
-// known size.
+// Static sets and bus voltages of machines drawn at random. In some nothing is missing, and the
+// sensors have little or much noise, coarse steps or drift. Others have a deviation that no kind
+// describes, or one effect of known size.
 #pragma once
 #include <string>
 #include <vector>
@@ -13,7 +13,8 @@ namespace twinrate::blind {
 enum class PointSet { kFluxMap, kInverterCurve, kHoldingCurrent, kBusVoltage };
 inline constexpr const char* kPointSets[] = {"flux map", "inverter curve", "holding current",
                                              "bus voltage"};
-// How the readings differ from the declared model. kSmall: constants off by less than matters.
+// Difference of the readings from the declared model. kSmall: the constants differ by less than the
+// smallest size worth reporting.
 enum class Spoilt { kPlain, kSmall, kLoud, kCoarse, kDrifting, kUnknown, kEffect };
 inline constexpr const char* kSpoilt[] = {"plain",    "small",   "loud",  "coarse",
                                           "drifting", "unknown", "effect"};

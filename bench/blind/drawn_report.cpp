@@ -21,7 +21,7 @@ std::string encoder_class(int counts) {
   return counts <= 16384 ? "8192 to 16384" : "2^17 and 2^20";
 }
 
-// True where a sentence says that an error falls and gives a larger or equal one.
+// True if a sentence says that an error falls but gives a larger or equal value.
 bool falls_upwards(const std::string& sentence) {
   static const std::regex kFall(R"(falls[^.;]*? from ([-+0-9.eE]+)[^0-9]*? to ([-+0-9.eE]+))");
   for (std::sregex_iterator m(sentence.begin(), sentence.end(), kFall), end; m != end; ++m)
@@ -29,7 +29,8 @@ bool falls_upwards(const std::string& sentence) {
   return false;
 }
 
-// Those with the fewest other names first: a group does not take the kind that another has alone.
+// Effects with the fewest aliases come first, so that an alias group does not take a kind that
+// another effect names alone.
 void match_effects(const json& unsorted, DrawnRow& row) {
   constexpr std::size_t kLargeGroup = 3;
   std::vector<json> effects(unsorted.begin(), unsorted.end());
@@ -103,7 +104,7 @@ std::string effect_count(const DrawnRow& r) {
   return fmt::format("{}", r.truth.size());
 }
 
-// True effects by their size in the log; those on the samples have none.
+// True effects by their size in the log, except those on the samples, whose size is infinite.
 std::string by_deviations(const std::vector<DrawnRow>& rows) {
   constexpr std::array kEdges = {0.0, 3.1, 6.2, 12.5, 25.0, 50.0, 1e300};
   std::string text = "| deviations | true effects | named |\n|---|---|---|\n";

@@ -13,7 +13,7 @@ struct DrawnRow {
   std::string name, profile, mode, encoder;  // encoder: class of counts
   bool counts_declared = false;
   double rate_Hz = 0;
-  std::vector<std::string> truth, visible;   // visible: those that the log can show
+  std::vector<std::string> truth, visible;   // visible: kinds that the log can show
   std::map<std::string, double> deviations;  // of the true kinds (drawn_visible.hpp)
   std::vector<std::string> found;            // kinds, with their aliases
   std::string verdict, sentence;             // verdict "error": the program failed
@@ -21,10 +21,10 @@ struct DrawnRow {
   std::vector<std::string> wrong;            // kinds named that are not in the truth
   std::vector<std::string> missed;           // true kinds not named
   bool exact = false;                        // the true kinds, up to alias groups, and nothing else
-  bool right = false;            // the same, but for true kinds that the log cannot show
+  bool right = false;                        // the same for the visible true kinds
   bool large_group = false;      // an alias group of more than three kinds counted as right
   bool flawed_sentence = false;  // "falls from A to B", B >= A
-  double seconds = 0;            // of CPU time; of a trace taken from an earlier run, its own time
+  double seconds = 0;            // of CPU time; if that is not stored, of the trace's own clock
   bool false_claim() const { return verdict == "traced" && !wrong.empty(); }
 };
 
@@ -32,7 +32,7 @@ struct DrawnRow {
 DrawnRow compare(const DrawnCase& which, const std::vector<std::string>& truth,
                  const std::vector<std::string>& visible, const nlohmann::json& trace);
 nlohmann::ordered_json to_json(const DrawnRow& row);
-// By profile, mode, encoder and number of effects, as Markdown.
+// Tables by profile, mode, encoder and number of effects, as Markdown.
 std::string tables(const std::vector<DrawnRow>& rows);
 
 }  // namespace twinrate::blind

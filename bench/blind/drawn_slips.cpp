@@ -44,7 +44,7 @@ bool swap(DrawnLog& log, const char* a, const char* b) {
     std::swap(row[static_cast<std::size_t>(i)], row[static_cast<std::size_t>(j)]);
   return true;
 }
-// Column j of row k becomes that of row k + rows.
+// Row k gets the value of row k + rows in each of the columns.
 bool shift(DrawnLog& log, std::initializer_list<const char*> names, int rows) {
   const DrawnLog was = log;
   bool any = false;

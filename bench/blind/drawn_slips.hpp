@@ -1,6 +1,7 @@
-// Mistakes of a user on a log with nothing missing: a column or a key of the drive file says what it
-// does not mean. An effect named under `traced` is then a false claim, but for one that says the same
-// of the drive file: an R_s of the file twice too large is a `resistance` of minus a half.
+// Slips of a user on a log with nothing missing: a column or a key of the drive file has another
+// meaning than its name. An effect named under `traced` is then a false claim, unless it describes
+// the same error of the drive file: if R_s in the file is twice the true value, a `resistance` of
+// minus half the file's value is right.
 #pragma once
 #include <string>
 #include <vector>
@@ -11,8 +12,8 @@ namespace twinrate::blind {
 
 struct Slip {
   const char* name;
-  std::vector<std::string> same;  // kinds that say the same
-  // Changes the log or what the drive file declares; false: this log has no such column.
+  std::vector<std::string> same;  // kinds that describe the same error
+  // Changes the log or the declared machine; false: this log has no such column.
   bool (*make)(DrawnMachine& declared, DrawnLog& log);
 };
 

@@ -66,20 +66,20 @@ json truth_of(const DrawnCase& c, const DrawnLog& log) {
           {"effects_toml", c.effects_toml}};
 }
 
-// A log that is drawn: seed, and what spoils it.
+// A log to be drawn: its seed, and its slip or hidden effect.
 struct Drawn {
   std::uint64_t seed;
   int spoilt = -1;  // number of the slip or of the hidden effect
 };
 
-// A case that may be drawn: of the profile, mode and kind asked for and, to be spoilt, without an effect.
+// True if the case has the profile, mode and kind of the options and, for a spoilt log, no effect.
 bool is_asked_for(const DrawnOptions& o, const DrawnCase& c) {
   return (o.profile.empty() || c.profile == o.profile) && (o.mode.empty() || c.mode == o.mode) &&
          (o.kind.empty() || std::count(c.kinds.begin(), c.kinds.end(), o.kind) > 0) &&
          (o.spoilt.empty() || c.kinds.empty());
 }
 
-// Draws the case; another one where the loop does not hold the drive.
+// Draws a case, and another one if the loop loses the drive.
 std::pair<DrawnCase, DrawnLog> held_case(const DrawnOptions& o, const Drawn& drawn) {
   for (int attempt = 0;; ++attempt) {
     DrawnCase c = draw_case(drawn.seed, attempt);
@@ -94,10 +94,10 @@ std::pair<DrawnCase, DrawnLog> held_case(const DrawnOptions& o, const Drawn& dra
   }
 }
 
-// What the drive file declares, and what is right to be named.
+// The machine of the drive file, and the kinds that are right to name.
 struct Declared {
   DrawnMachine machine;
-  std::string spoilt;  // what spoils the log, in words; "not in this log"
+  std::string spoilt;  // slip or hidden effect, in words; "": none in this log
   std::vector<std::string> same;
 };
 

@@ -1,9 +1,11 @@
-// The blind test on drawn machines: draws logs, runs `twinrate trace` on each and compares.
+// The blind test on drawn machines: draws logs, runs `twinrate trace` on each and compares the
+// result with the truth.
 //
-// `spoilt`, of logs with no effect of the catalogue:
-//   slips    a user's slip each (bench/blind/drawn_slips.hpp), all of them on each machine
-//   hidden   an effect outside the catalogue each (bench/blind/drawn_hidden.hpp), a machine each
-// A kind named under `traced` is false then, but for one that says the same, or a part of it.
+// `spoilt` adds to logs with no effect of the catalogue
+//   slips    a slip of the user each (bench/blind/drawn_slips.hpp), all of them on each machine
+//   hidden   an effect outside the catalogue each (bench/blind/drawn_hidden.hpp), each on a new
+//            machine
+// A kind named under `traced` is then false, unless it describes the slip, or a part of the effect.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -15,7 +17,7 @@ struct DrawnOptions {
   std::uint64_t first_seed = 1;
   int logs = 0;  // 0: those of the set
   int threads = 1;
-  std::string only;                 // text of the name
+  std::string only;                 // text that the name contains
   std::string spoilt;               // slips, hidden; "": logs as drawn
   std::string profile, mode, kind;  // only cases of these; "": any
   std::string keep;     // directory for drive files, logs and truths; "": they are removed

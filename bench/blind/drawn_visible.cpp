@@ -11,12 +11,12 @@ namespace {
 constexpr double kHeldOut = 0.25;    // share of the rows
 constexpr double kDeviations = 3.1;  // p < 0.001, one-sided
 constexpr int kOrder = 8;            // of the autoregression
-constexpr std::size_t kFewest = 60;  // windows: with fewer the autoregression is not known
+constexpr std::size_t kFewest = 60;  // windows; fewer do not determine the autoregression
 
 using Series = std::vector<double>;
-using Equations3 = std::array<Series, 3>;  // d, q, torque; empty where the log has no such equation
+using Equations3 = std::array<Series, 3>;  // d, q, torque; empty: not in the log
 
-// What a row holds, as the equations take it.
+// Values of a row for the equations.
 struct Row {
   Vec2 i_dq = Vec2::Zero(), u_alphabeta = Vec2::Zero();
   double theta_m = 0, T_load = 0;  // theta_m not wrapped
@@ -38,7 +38,7 @@ std::vector<Row> rows_of(const DrawnCase& c, const std::vector<Tick>& ticks, int
   return rows;
 }
 
-// Of the interval that begins at each row.
+// Residual of the voltage equations over the interval from row a to row b.
 Vec2 left_of_voltage(const MachineParameters& m, const Row& a, const Row& b, double T) {
   const double omega_e = m.n_p * (b.theta_m - a.theta_m) / T;
   const Vec2 u = park(a.u_alphabeta, 0.5 * m.n_p * (a.theta_m + b.theta_m));
@@ -51,7 +51,7 @@ Equations3 equations(const DrawnCase& c, const std::vector<Row>& rows, double T)
   const MachineParameters& m = c.drawn.machine;
   const bool voltage = c.mode == "full" || c.mode == "decimated";
   Equations3 e;
-  std::vector<double> inner;  // torque that accelerates, of a row
+  std::vector<double> inner;  // accelerating torque of a row
   inner.reserve(rows.size());
   for (const Row& r : rows) inner.push_back(m.torque(r.i_dq[0], r.i_dq[1]) - r.T_load);
   for (std::size_t k = 1; k + 1 < rows.size(); ++k) {
@@ -65,7 +65,7 @@ Equations3 equations(const DrawnCase& c, const std::vector<Row>& rows, double T)
   return e;
 }
 
-// Means of h values, twice for a torque, which is that of a second difference.
+// Means of h values, applied twice to a torque, which comes from a second difference.
 Series windows(const Series& x, std::size_t h, bool twice) {
   if (h == 1) return x;
   const auto means = [h](const Series& y) {
@@ -83,7 +83,7 @@ Series windows(const Series& x, std::size_t h, bool twice) {
   return every;
 }
 
-// Autoregression of noise, and the standard deviation of what it leaves.
+// Autoregression of noise, and the standard deviation of its innovation.
 struct Whitening {
   Eigen::VectorXd taps = Eigen::VectorXd::Zero(kOrder);
   double sigma = 1;
@@ -111,7 +111,8 @@ void append_whitened(const Whitening& w, const Series& x, std::size_t size, Seri
   }
 }
 
-// Each effect of `c` over the noise `n`, all equations behind one another, at windows of h rows.
+// Each effect of `c` in windows of h rows, whitened by the noise `n`, with the equations one after
+// another.
 std::vector<Eigen::VectorXd> over_noise(const std::vector<Equations3>& c, const Equations3& n,
                                         std::size_t h) {
   std::vector<Eigen::VectorXd> all;
@@ -129,7 +130,7 @@ std::vector<Eigen::VectorXd> over_noise(const std::vector<Equations3>& c, const 
   return all;
 }
 
-// |c| of each on the held-out rows, less what the larger ones explain of it.
+// |c| of each effect on the held-out rows, without the part that the larger effects explain.
 std::vector<double> sizes_of(std::vector<Eigen::VectorXd> c) {
   std::vector<double> sizes(c.size(), 0);
   std::vector<char> done(c.size(), 0);
@@ -165,7 +166,7 @@ std::vector<Tick> run_with(DrawnCase c, const std::string& effects_toml, bool ex
   return simulate(c);
 }
 
-// What the run without noise leaves, averaged over rows.
+// Residuals of the run without noise, averaged over rows.
 Equations3 left_in_run(DrawnCase c, const std::string& effect_toml) {
   const std::vector<Tick> ticks = run_with(c, effect_toml, true);
   c.drawn.encoder_counts = 0;
@@ -187,7 +188,7 @@ Deviations deviations_in_log(const DrawnCase& c, const std::vector<std::string>&
   if (truth.empty()) return {};
   std::vector<std::string> asked;
   std::vector<Equations3> effects;
-  const Equations3 of_equations = left_in_run(c, "");  // which are not exact
+  const Equations3 of_equations = left_in_run(c, "");  // error of their discretisation
   for (std::size_t j = 0; j < c.kinds.size(); ++j) {
     if (on_samples(c.kinds[j])) continue;
     asked.push_back(c.kinds[j]);
@@ -202,7 +203,7 @@ Deviations deviations_in_log(const DrawnCase& c, const std::vector<std::string>&
       deviations[asked[j]] = std::max(deviations[asked[j]], sizes[j] / 2);
   }
   for (const std::string& kind : truth)
-    // i_q alone does not have the steps and the limit of the phases.
+    // i_q alone does not show the steps and the limit of the phase currents.
     if (on_samples(kind))
       deviations[kind] = on_converter(kind) && c.mode == "angle_current"
                              ? 0

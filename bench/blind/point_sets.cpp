@@ -1,8 +1,8 @@
 // False claims of the tracer on drawn static sets and bus voltages.
 //
 //   point_sets [COUNT] [SEED] [SET] [-v]     COUNT cases of each set and class
-// SET: 0 flux map, 1 inverter curve, 2 holding current, 3 bus voltage, else all; -v: every case that
-// is wrong.
+// SET: 0 flux map, 1 inverter curve, 2 holding current, 3 bus voltage, else all. -v prints every
+// case with a wrong or missed kind.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -36,7 +36,7 @@ void count(const PointCase& c, std::uint64_t seed, bool verbose, Counts& n) {
   const bool missed = std::any_of(c.truth.begin(), c.truth.end(),
                                   [&](const std::string& kind) { return !named.count(kind); });
   const bool traced = c.result.verdict == "traced";
-  // An alias group that holds the truth is right.
+  // An alias group that contains the truth is right.
   const bool told = traced || (c.result.verdict == "ambiguous" && !c.aliases.empty());
   const bool silent = c.truth.empty() && c.result.verdict == "nothing_missing";
   ++n.cases, ++n.verdicts[c.result.verdict];
