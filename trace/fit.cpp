@@ -116,10 +116,10 @@ double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size
   return largest;
 }
 
-double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
+std::optional<double> joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m) {
   auto [place, value] = sizes_of(fit, covariance, m);
   const auto n = static_cast<Eigen::Index>(place.size());
-  if (n == 0) return 0;
+  if (n == 0) return std::nullopt;
   for (Eigen::Index p = 0; p < covariance.rows(); ++p)  // after the sizes, its other keys
     if (fit.free[static_cast<std::size_t>(p)].member == m && covariance(p, p) > 0 &&
         std::find(place.begin(), place.end(), p) == place.end())

@@ -3,6 +3,7 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "trace/dictionary.hpp"
 
@@ -63,11 +64,12 @@ struct Fit {
 // whose size is not that of one key.
 double largest_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
-// The same of all its n coefficients together, less n - 1, the mean of n - 1 by chance. A common
+// The same of all its n coefficients together, less n - 1, the mean of n - 1 by chance; at least 0. None if
+// `covariance` has none of its sizes: they are given, or the effect is a shaft. A common
 // part of them may be undetermined (the common mode of three offsets) and the remainder far from
 // zero. Its other keys are given: if the record determines only the ratio of a dead time to its
 // zone of currents, that ratio is far from zero.
-double joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
+std::optional<double> joint_wald(const Fit& fit, const Eigen::MatrixXd& covariance, std::size_t m);
 
 class Fitter {
  public:

@@ -201,12 +201,11 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
       refuse(m, "agreement", "", a.kept,
              fmt::format("between {} {:.2g} of its gain is kept", a.between, a.kept));
     if (a.compared < 2) refuse(m, "agreement", "", a.compared, "no two parts of the data show it");
-    ShaftFacts shaft;
-    if (covariance.size() == 0 || members[m]->describe_shaft(shaft)) continue;
-    const double wald = joint_wald(asked.fit, covariance, m);
-    if (!(wald > 0)) continue;                // no fitted size, or none beyond chance
+    if (covariance.size() == 0) continue;
+    const std::optional<double> wald = joint_wald(asked.fit, covariance, m);
+    if (!wald) continue;
     const double between = 1 - a.size_ratio;  // share of its size
-    const double sigmas = 1 / std::hypot(1 / std::sqrt(wald), between);
+    const double sigmas = 1 / std::hypot(1 / std::sqrt(*wald), between);
     if (sigmas >= criterion_.size_sigmas || !out[m].rule.empty()) continue;
     refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
     out[m].wrong_kind = true;

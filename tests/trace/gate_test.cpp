@@ -107,7 +107,20 @@ TEST(Gate, ASizeIsThatOfAllCoefficientsTogether) {
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(3, 3, 1);
   covariance.diagonal().array() += 1e-4;
   EXPECT_LT(largest_wald(fit, covariance, 0), 1);
-  EXPECT_NEAR(joint_wald(fit, covariance, 0), 5000 - 2, 50);
+  EXPECT_NEAR(*joint_wald(fit, covariance, 0), 5000 - 2, 50);
+}
+
+// Two coefficients of 0.6 deviations each are less than two have by chance. Of coefficients that were not fitted
+// nothing is known.
+TEST(Gate, ASizeWithinChanceIsNoneAndAGivenOneIsNotAsked) {
+  Fit fit;
+  fit.members = {effect_with("cogging", {{"order", 12}, {"amplitude_Nm", 0.01}})};
+  std::vector<double> c(2);
+  fit.members[0]->tracing().coefficients(c);
+  fit.free = {{0, 0, ""}, {0, 1, ""}};
+  const double sigma = std::hypot(c[0], c[1]) / 0.85;
+  EXPECT_EQ(joint_wald(fit, sigma * sigma * Eigen::Matrix2d::Identity(), 0), 0.0);
+  EXPECT_EQ(joint_wald(fit, Eigen::Matrix2d::Zero(), 0), std::nullopt);
 }
 
 // Of two offsets only the difference shows: 1 and 0 predict what 6 and 5 do, and twice what 5.5 and 5 do.
@@ -130,7 +143,7 @@ TEST(Gate, ASizeIsThatOfTheCoefficientsBesideGivenKeys) {
   Eigen::Matrix2d covariance;  // deviations of the size itself and of 0.1 A, correlated to 0.99
   covariance << c[0] * c[0], 0.099 * c[0], 0.099 * c[0], 0.01;
   EXPECT_NEAR(largest_wald(fit, covariance, 0), 1, 1e-9);
-  EXPECT_NEAR(joint_wald(fit, covariance, 0), 1 / (1 - 0.99 * 0.99), 0.01);
+  EXPECT_NEAR(*joint_wald(fit, covariance, 0), 1 / (1 - 0.99 * 0.99), 0.01);
 }
 
 // In the second half 0.12 Nm are left of 0.3: what the first half says makes the second one worse.
