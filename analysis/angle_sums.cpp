@@ -19,8 +19,8 @@ using Complex = std::complex<double>;
 constexpr int kPowers = 16;
 constexpr double kFurthest = 0.8;  // M h
 
-// Of the samples next to one angle of the grid: sum w d^p, sum w y d^p.
-// The compiler aligns a Four to 16 bytes in code for any machine and counts on 32 in code for AVX2.
+// For one angle of the grid, over the samples nearest to it: sum w d^p, sum w y d^p.
+// A Four is aligned to 16 bytes in code for any machine, but code for AVX2 needs 32.
 struct alignas(sizeof(Four)) Moments {
   Four weights[kPowers / kLanes]{}, values[kPowers / kLanes]{};
 };
@@ -29,7 +29,7 @@ struct Samples {
   std::span<const double> theta, w, y;
 };
 
-// pi/2 in two parts, as math::quarter_turns_near() has it.
+// pi/2 in two parts, as in math::quarter_turns_near().
 constexpr double kQuarterTurn = 0x1.921fb544p0, kQuarterTurnRest = 0x1.0b4611a626331p-34;
 
 [[gnu::always_inline]] inline void gather(const Samples& samples, std::vector<Moments>& grid) {
@@ -94,7 +94,8 @@ AngleSums angle_sums(std::span<const double> theta, std::span<const double> w,
   AngleSums sums{std::vector<Complex>(orders), std::vector<Complex>(orders)};
   std::vector<Complex> factors(orders, 1.0), c(G);  // (j m h)^p/p!
   for (int p = 0; p < kPowers; ++p) {
-    // The moments are real: one transform takes both, the one as real and the other as imaginary part.
+    // The moments are real, so one transform covers both: one as the real part, the other as the
+    // imaginary part.
     std::transform(grid.begin(), grid.end(), c.begin(), [p](const Moments& at) {
       return Complex(at.weights[p / kLanes][p % kLanes], at.values[p / kLanes][p % kLanes]);
     });

@@ -13,7 +13,7 @@ struct LoadOrder {
 
 struct LoadOrders {
   int turns = 0;     // whole turns used; 0: less than one, or no position or estimate in the log
-  double noise = 0;  // Nm, of an order
+  double noise = 0;  // Nm, noise level of the amplitude of an order
   std::vector<LoadOrder> orders;
 };
 

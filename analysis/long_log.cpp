@@ -75,8 +75,8 @@ class TickStream {
   std::int64_t emitted_ = std::numeric_limits<std::int64_t>::min();
 };
 
-// Adds to each tick the speed that reference_speed() gives it, for a log without truth half of
-// kSlopeSpan_s later.
+// Adds the speed of reference_speed() to each tick. For a log without truth the speed is known half
+// of kSlopeSpan_s later.
 class SpeedAdded {
  public:
   SpeedAdded(bool has_truth, SummaryBuilder& builder) : has_truth_(has_truth), builder_(builder) {}
@@ -127,7 +127,8 @@ std::int64_t tick_of(const lcm::LogEvent& event) {
   return static_cast<std::int64_t>(k);
 }
 
-// The last ticks, or, where synchronism was lost, those around it: three quarters before.
+// Chooses the last ticks; after a loss of synchronism the ticks around the loss, three quarters of
+// them before it.
 void choose_part(const RunOutline& outline, const DriveConfig& config, std::int64_t ticks_shown,
                  LongLog& found) {
   const RunOutline::Span& span = outline.span(Channel::kMeasurement);

@@ -1,8 +1,9 @@
-// The figures of a log of any length, in constant memory: the log is read twice, one message after
-// the other, and a third time for the part of it that a page shows.
+// The figures of a log of any length, in constant memory. The log is read twice, message by
+// message, and a third time for the part that a page shows.
 //
-// The figures are those of summarise(); speed ripple is that of the last SummaryBuilder::kRippleTicks.
-// A message that comes more than kReach ticks after the newest one of its log is not used.
+// The figures are those of summarise(); the speed ripple is that of the last
+// SummaryBuilder::kRippleTicks. A message that arrives more than kReach ticks after the newest one
+// of its log is not used.
 #pragma once
 #include "analysis/run_ticks.hpp"
 
@@ -18,11 +19,12 @@ struct LongLog {
 };
 
 inline constexpr std::int64_t kReach = 4096;
-// Ticks that a page shows: the end of the run, or the ticks around a loss. 900 bytes each in memory,
-// 300 of a simulated run.
+// Ticks that a page shows: the end of the run, or the ticks around a loss. A tick takes 900 bytes
+// in memory, 300 in a simulated run.
 inline constexpr std::int64_t kTicksShown = 200'000;
 
-// Whether the log has more ticks than a page shows, by its size. Throws BadInput: no such log.
+// True if the log has more ticks than a page shows, by the size of its files. Throws BadInput: no
+// such log.
 bool is_long(const std::string& path);
 
 // Throws as read_run_log().

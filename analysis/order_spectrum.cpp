@@ -48,8 +48,8 @@ Range longest_stretch(std::span<const double> theta) {
   return best;
 }
 
-// Half the angle between the neighbours of each sample over its mean, limited against gaps and
-// quantised angles.
+// Weight of a sample: half the angle between its neighbours over the mean step, limited against
+// gaps and quantised angles.
 std::vector<double> weights(std::span<const double> theta) {
   const std::size_t count = theta.size();
   const double mean = std::abs(theta[count - 1] - theta[0]) / static_cast<double>(count - 1);
@@ -61,7 +61,7 @@ std::vector<double> weights(std::span<const double> theta) {
   return w;
 }
 
-// The last whole turns of a stretch in one direction; turns = 0 where it covers less than one.
+// The last whole turns of a stretch in one direction; turns = 0 if it is shorter than one turn.
 struct WholeTurns {
   Range range{};
   int turns = 0;

@@ -1,5 +1,5 @@
-// The ticks of a run as its summary and its page need them: of a log in memory, or row by row as the
-// run goes.
+// The ticks of a run for its summary and its page: from a log in memory, or row by row during the
+// run.
 #pragma once
 #include "analysis/summary_builder.hpp"
 

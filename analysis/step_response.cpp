@@ -14,13 +14,14 @@ constexpr double kSpeedBand = 0.02;     // of the step
 constexpr double kDeviationBand = 0.1;  // of the largest deviation
 constexpr double kNoStep = 1e-6;        // of the wanted value
 
-// The ticks of a step: times from it, speeds and references.
+// Samples after a step: times from it, speeds and references.
 struct Stretch {
   std::vector<double> t_s, omega_m, reference;
 };
 
-// First time from which on every |deviation| stays within `band`, for as long at least as it took: a
-// ripple that leaves the band again and again is inside it at the last tick by chance.
+// First time after which every |deviation| stays within `band`, empty if that is later than half
+// the stretch: a ripple that leaves the band repeatedly can be inside it at the last tick by
+// chance.
 std::optional<double> stays_within(const Stretch& s, const std::vector<double>& deviation,
                                    double band) {
   std::size_t first = deviation.size();

@@ -1,15 +1,16 @@
-// What the speed does after each step of the drive file's reference and load.
+// Response of the speed to each step of the drive file's reference and load.
 //
 //   rise       of a step of the speed: from its first passage of 10 % to that of 90 %
 //   overshoot  largest excess: beyond a step of the speed; over the reference after one of the load
 //   dip        of a step of the load: largest shortfall from the reference
-//   recovery   from the step until the speed stays within 2 % of a step of the speed, within a tenth
-//              of the largest deviation after a step of the load; empty if it does not stay there
-//              for as long as it took
+//   recovery   from the step until the speed stays within 2 % of the step of the speed, or within
+//              a tenth of the largest deviation after a step of the load; empty unless it then stays
+//              there for at least as long as it took
 //
-// A step is judged until the next one or the end of the log. The first speed of the reference is a
-// step from the speed at the first tick. Of a load, excess and shortfall count in the direction of
-// the reference. A slew limit of the drive file is part of the answer, and so is a ripple of the speed.
+// A step is judged until the next one or the end of the log. The first value of the reference is a
+// step from the speed at the first tick. For a step of the load, excess and shortfall count in the
+// direction of the reference. The figures include a slew limit of the drive file and any ripple of
+// the speed.
 #pragma once
 #include <optional>
 #include <vector>

@@ -4,14 +4,14 @@
 //
 //   angle error    wrap(theta_e_hat - theta_e) at tick k, into (-pi, pi], electrical
 //   speed error    omega_m_hat - omega_m at tick k, mechanical
-//   locked         every number finite and |angle error| <= pi/2: synchronism. False after a trip, and
-//                  where the estimate never took over. Empty without an angle to compare with,
-//                  without estimates, and where the run ended before its window.
-//   speed_held     the true speed off a constant reference by more than 20 % for less than 20 ms in
-//                  total. The reference is the slewed one of COMMAND; it is constant at a tick if
-//                  unchanged for 0.1 s. The speed is not judged at a reference of 0. False after a
-//                  trip.
-//   speed dip      largest shortfall of the true speed from that reference, of the reference
+//   locked         synchronism: every number finite and |angle error| <= pi/2. False after a trip, and
+//                  if the estimate never took over. Empty without an angle to compare with, without
+//                  estimates, and if the run ended before its window.
+//   speed_held     the true speed is off a constant reference by more than 20 % for less than 20 ms
+//                  in total. The reference is the slewed one of COMMAND; it is constant at a tick if
+//                  it has not changed for 0.1 s. The speed is not judged at a reference of 0. False
+//                  after a trip.
+//   speed dip      largest shortfall of the true speed below that reference, relative to the reference
 //   unevenness     (max - min)/|mean| of the true speed over a turn of the rotor, the median of the
 //                  whole turns (at least three): a dip in one turn does not count
 //   trip           the first event that ends the control of the motor (is_trip in core/reason.hpp)
@@ -19,9 +19,9 @@
 //                  (at least three); harmonics: orders 1 to 60 only
 //
 // theta_e is the truth, or n_p times the measured position (AngleReference). In a log without
-// truth, omega_m is the slope of the measured position over 10 ms: the tick-to-tick speed of an
-// encoder is mostly quantisation. A figure that cannot be formed (no truth, no position, no tick in
-// the window) is empty.
+// truth, omega_m is the slope of the measured position over 10 ms, because the tick-to-tick speed
+// of an encoder is mostly quantisation. A figure that cannot be computed (no truth, no position, no
+// tick in the window) is empty.
 #pragma once
 #include <map>
 #include <optional>
@@ -72,7 +72,8 @@ struct Summary {
   std::int64_t late_gains = 0;
   // From the processes.
   std::int64_t repeats = 0, deadline_misses = 0, late_commands = 0;
-  // Realtime, of the plant: ticks begun late by more than a period, and for how long its clock stood.
+  // Realtime, of the plant: ticks that began late by more than a period, and the time for which its
+  // clock stopped.
   std::int64_t stalls = 0;
   double stalled_s = 0, longest_stall_s = 0;
   double wall_s = 0;
@@ -80,7 +81,7 @@ struct Summary {
 
 Summary summarise(const RunLog& log, const DriveConfig& config,
                   AngleReference angle_reference = AngleReference::kAuto);
-// The same of its table; `head`: path, events and drive file of the log.
+// The same from a table of ticks; `head`: path, events and drive file of the log.
 struct RunTicks;
 Summary summarise(const RunLog& head, const RunTicks& ticks, const DriveConfig& config,
                   AngleReference angle_reference = AngleReference::kAuto);
@@ -90,9 +91,9 @@ std::string to_json(const Summary& summary, const DriveConfig& config);
 void take_process_figures(const std::string& summary_json, Summary& summary);
 
 // "uneven", "dipped" or "overshot" if a locked drive did not hold its speed, else "". Uneven: the
-// median turn leaves the band of +/-20 %; below three turns, the speed left it on one side and the
-// other in turn, kUnevenSides times: two load steps make four.
-// ", never at its reference" behind it if no tick was within the band.
+// median turn leaves the band of +/-20 %; below three turns, the speed left the band on alternate
+// sides kUnevenSides times (two load steps make four). ", never at its reference" is appended if no
+// tick was within the band.
 std::string speed_word(const Summary& summary);
 // "lost_synchronism at 0.5312 s, tick 5312, controller: TEXT"; reason codes by their names.
 std::string trip_text(const Trip& trip);

@@ -54,7 +54,7 @@ void RunOutline::add(const TickRow& row) {
 AngleReference RunOutline::resolve(AngleReference wanted) const {
   if (has_truth() && (wanted == AngleReference::kAuto || wanted == AngleReference::kTruth))
     return AngleReference::kTruth;
-  // A filter that uses the sensor's angle is not judged by that sensor.
+  // The angle of a sensor is no reference for a filter that uses that sensor.
   if (has_position &&
       (wanted == AngleReference::kEncoder || (wanted == AngleReference::kAuto && !uses_position)))
     return AngleReference::kEncoder;
@@ -91,7 +91,7 @@ void SpeedFigures::add(const TickRow& row, double omega_m) {
                 std::abs(omega_m_ref_) * (1 + deviation));
 }
 
-// Tolerance of half a tick: 20 ms up to rounding count as exceeded.
+// Tolerance of half a tick: a total of 20 ms, up to rounding, is not held.
 bool SpeedFigures::held() const {
   return static_cast<double>(ticks_) * T_s_ <= kOffReferenceMax_s - T_s_ / 2;
 }
@@ -162,8 +162,8 @@ bool SummaryBuilder::in_window(const TickRow& row) const {
   return row.t_s >= settled_s_ && !is_forced(row);
 }
 
-// The earliest; an event can be logged before the tick it belongs to. A real drive without a COMMAND
-// runs its own control: the end of a process here is no trip of it.
+// The earliest trip; an event can be logged before the tick to which it belongs. A real drive
+// without a COMMAND runs its own control, so the end of a process here is no trip of that drive.
 void SummaryBuilder::set_trip(const RunLog& head) {
   const bool listened =
       config_.plant.kind == PlantKind::kBridge && outline_.span(Channel::kCommand).count == 0;
@@ -194,16 +194,16 @@ void SummaryBuilder::add(const TickRow& row, double omega_m) {
   add_gain(row);
 }
 
-// The window decides the verdict. The time of a loss is searched in the whole run up to a trip,
-// because most losses happen on the start-up ramp.
+// The verdict counts the ticks of the window. The time of a loss is searched in the whole run up to
+// a trip, because most losses occur on the start-up ramp.
 void SummaryBuilder::judge_lock(const TickRow& row, double error) {
   if (summary_.trip && row.t_s > outline_.begin_s + summary_.trip->t_s) return;
   const std::string_view why = failed_criterion(row, error);
   const bool within = in_window(row);
   any_ = any_ || (within && (!std::isnan(error) || !why.empty()));
   lost_ = lost_ || (within && !why.empty());
-  // The estimated angle is not judged until the controller uses it. The ticks before the first command
-  // acts have mode run.
+  // The estimated angle is not judged before the controller uses it. The ticks before the first
+  // command acts are in mode run.
   const bool not_handed_over = config_.start == Start::kAlignIf && outline_.was_forced &&
                                row.t_s < outline_.handed_over_s.value_or(outline_.end_s);
   const bool forced = not_handed_over || (row.measurement && row.measurement->mode != Mode::kRun);
@@ -303,7 +303,7 @@ void SummaryBuilder::set_lost_messages() {
                                 Channel::kReference, Channel::kCommand, Channel::kGain}) {
     const RunOutline::Span& span = outline_.span(channel);
     if (span.count == 0) continue;
-    // A foreign generator need not speak at every tick.
+    // A foreign generator need not send a message at every tick.
     if (channel == Channel::kReference && config_.reference.from_bus) continue;
     const std::int64_t expected =
         channel != Channel::kGain ? span.last - span.first

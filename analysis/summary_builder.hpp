@@ -1,6 +1,6 @@
-// The figures of a run from its ticks, one after the other: what summarise() does for a log in memory
-// and summarise_log() for one of any length. Memory does not grow with the run, but for 8 bytes a
-// turn of the rotor.
+// Computes the figures of a run from its ticks, one after the other: for summarise() from a log in
+// memory, for summarise_log() from a log of any length. Memory does not grow with the run, except
+// for 8 bytes a turn of the rotor.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -16,9 +16,9 @@ inline constexpr double kSpeedTolerance = 0.2;  // relative to the reference
 inline constexpr int kUnevenSides = 6;
 inline constexpr double kSlopeSpan_s = 0.01;  // of the measured position
 
-// What the figures need of the whole run before its first tick.
+// Facts about the whole run that the figures need before its first tick.
 struct RunOutline {
-  // Messages of a channel and its distinct ticks.
+  // First and last tick of a channel, number of its messages and of its distinct ticks.
   struct Span {
     std::int64_t first = -1, last = -1, distinct = 0, count = 0;
     void add(std::int64_t k);
@@ -62,7 +62,7 @@ class SpeedFigures {
   double omega_m_ref_ = 0, changed_s_ = 0;
   std::int64_t ticks_ = 0;
   double below_ = 0, above_ = 0;
-  int side_ = 0, sides_ = 0;  // the last side left, and how often it was the other one
+  int side_ = 0, sides_ = 0;  // the side of the last excursion, and the number of changes of side
   Turn turn_;
   std::vector<double> unevenness_;
 };
@@ -75,7 +75,7 @@ class SummaryBuilder {
   // `head`: path, events and drive file of the log.
   SummaryBuilder(const RunLog& head, const RunOutline& outline, const DriveConfig& config,
                  AngleReference wanted);
-  // The rows in order of time. omega_m: as reference_speed() has it.
+  // The rows in order of time. omega_m: as computed by reference_speed().
   void add(const TickRow& row, double omega_m);
   Summary finish();
 

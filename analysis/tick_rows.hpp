@@ -1,7 +1,7 @@
-// The channels of a run as one table: one row a tick with what figures need of the messages of that
-// tick: 272 bytes, where its messages have 640.
+// The channels of a run as one table: one row a tick, with the fields of its messages that the
+// figures need: 272 bytes instead of 640.
 //
-// Empty: no message at that tick. Of a repeated tick the first message is used.
+// Empty: no message at that tick. Of repeated messages of a tick the first is used.
 #pragma once
 #include <optional>
 #include <span>
@@ -28,7 +28,7 @@ struct TickRow {
   struct OfEstimate {
     std::int64_t gain_seq;
     int status;
-    bool finite;  // all of it, the state too
+    bool finite;  // all of it, including the state
     double theta_e, omega_m, T_load;
     Packed<2> i_dq;
   };
@@ -36,7 +36,7 @@ struct TickRow {
     double omega_m_ref;
     Packed<2> i_dq_ref;
   };
-  // Of the fourth state, which is the angle of ekf_sensorless; 0 where a filter has none.
+  // Of the fourth state, the angle in ekf_sensorless; 0 if a filter has no fourth state.
   struct OfGain {
     std::int64_t k;
     double K41, K42, P44;
@@ -52,8 +52,8 @@ struct TickRow {
   std::optional<OfCommand> command = {};
   std::optional<OfGain> gain = {};  // used by the fast loop at this tick (Estimate::gain_seq)
 
-  // Of the first message of a kind. The time is that of the first one here: MEASUREMENT, TRUTH,
-  // ESTIMATE, COMMAND.
+  // Takes the first message of each kind. The time is that of the first of these messages:
+  // MEASUREMENT, TRUTH, ESTIMATE, COMMAND.
   void take(const Measurement& m);
   void take(const Truth& t);
   void take(const Estimate& e);

@@ -13,8 +13,8 @@ using Parameters = Eigen::Matrix<double, 5, 1>;  // ln of L, R, c, k, d; standst
 constexpr int kMeasuredTicks = 6000;
 constexpr double kSineSettle_s = 0.03, kSineVoltageUse = 0.9;
 
-// The state at t_k - lag is that of the row before, led over the rest of the tick; a filter is a
-// state of its own.
+// With a delay, the state at t_k - lag is the state of an earlier row, propagated over the rest of
+// that tick. A filter adds a state of its own.
 Complex admittance(const Parameters& p, double T_s, int period, const Lateness& late) {
   const double L = std::exp(p[0]), R = std::exp(p[1]);
   const double c = std::exp(p[2]), k = std::exp(p[3]), d = std::exp(p[4]);
@@ -38,7 +38,7 @@ Complex admittance(const Parameters& p, double T_s, int period, const Lateness& 
   return now * std::pow(z_inverse, whole);
 }
 
-// The last row keeps R near that of direct current.
+// The last row keeps R near its value at direct current.
 Eigen::VectorXd residual(const Parameters& p, double R, const std::vector<Sine>& sines, double T_s,
                          const Lateness& late) {
   constexpr double kWeightOfR = 0.2;
@@ -92,8 +92,8 @@ Minimum descend(Parameters p, Eigen::Index n, double R, const std::vector<Sine>&
   return {p, r, jacobian};
 }
 
-// I of  i_k = I_0 + Re(I e^(j 2 pi k/period)). Rows that repeat the one before are left out where
-// they are not chance: their reading is of the tick before.
+// I of  i_k = I_0 + Re(I e^(j 2 pi k/period)). If repeated rows are more frequent than by chance,
+// they are left out: their reading is that of the tick before.
 Complex phasor(Experiment& e, const Rows& rows, const Vec2& axis, int period) {
   constexpr int kFast = 12;       // ticks: up to here a sine changes by much in a tick
   constexpr double kSteep = 0.3;  // of the largest change
@@ -161,7 +161,7 @@ static Minimum least_squares(const std::vector<Sine>& sines, double T_s, double 
   start << std::log(L), std::log(R), -INFINITY, -INFINITY, -INFINITY;
   if (!gives_way) return descend(start, 2, R, sines, T_s, late);
   Minimum best;
-  // A heavy and a light rotor: from the wrong one the fit can end in another minimum.
+  // Starts with a heavy and a light rotor: from the wrong start the fit can end in another minimum.
   for (const double c : {1e-3, 0.03, 1.0, 30.0}) {
     start.tail(3) << std::log(c * L * stiff), std::log(0.03 * stiff), std::log(0.01);
     const Minimum found = descend(start, 5, R, sines, T_s, late);
@@ -176,7 +176,7 @@ AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
     for (Sine& sine : sines) sine.weight = static_cast<double>(sines.front().period) / sine.period;
   const Minimum best = least_squares(sines, T_s, R, gives_way, late);
   Eigen::MatrixXd N = best.jacobian.transpose() * best.jacobian;
-  // A mode that the sines do not show leaves its parameter free, not the inverse undefined.
+  // If the sines do not show a mode, its parameter is free and the inverse still exists.
   N.diagonal().array() += 1e-10 * N.diagonal().maxCoeff();
   const double variance =
       best.r.squaredNorm() / static_cast<double>(best.r.size() - best.jacobian.cols());
@@ -191,7 +191,7 @@ AxisFit fit_axis(std::vector<Sine> sines, double T_s, double R, bool gives_way,
     weights += sine.weight * sine.weight;
   }
   AxisFit fit{found(0), found(1), i / weights, best.r.squaredNorm()};
-  if (late.lag.sigma > 0) {  // an error of the lag is one of L
+  if (late.lag.sigma > 0) {  // an error of the lag causes one of L
     Lateness moved = late;
     moved.lag = {late.lag.value + late.lag.sigma, 0};
     const double other = fit_axis(sines, T_s, R, gives_way, moved).L.value;
@@ -225,7 +225,7 @@ Lateness find_lateness(const std::vector<Sine>& sines, double T_s, double R) {
     }
     if (lowest >= least) continue;
     least = lowest;
-    // The misfit is a parabola about its minimum.
+    // Near its minimum the misfit is a parabola.
     const double h = 0.01 * T_s;
     const double bend =
         (misfit(form, at + h) + misfit(form, std::max(0.0, at - h)) - 2 * lowest) / (h * h);

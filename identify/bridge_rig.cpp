@@ -67,7 +67,7 @@ void BridgeRig::expect_fit(const Config& drive, const DriveInfo& info) {
       bridge_.port, name ? name : "unknown reason", drive.drive().name, bridge_.port, info.reason));
 }
 
-// Which signals the drive tells, and whether it is the bus of the drive file.
+// Checks the signals that the drive sends, and that its bus voltage is that of the drive file.
 void BridgeRig::first_sample(const Config& drive) {
   constexpr double kOtherBus = 0.2;
   std::optional<DriveSample> sample;
@@ -115,8 +115,8 @@ void BridgeRig::expect_on() {
   if (guard_.is_off()) fail("the drive is switched off: " + why_off_);
 }
 
-// Between neighbours, evenly. The voltage up to tick k is that of COMMAND(k - 1 - delay), or of the last
-// one where that was not sent.
+// Interpolates missing samples between their neighbours. The voltage up to tick k is that of
+// COMMAND(k - 1 - delay), or of the last command if that one was not sent.
 void BridgeRig::put_in(std::int64_t gap, const RigRow& after) {
   const RigRow before = last_.row;
   for (std::int64_t j = 1; j < gap; ++j) {
@@ -179,7 +179,8 @@ void BridgeRig::wait() {
   }
 }
 
-// What came meanwhile is no row of an experiment. In lock-step the drive waits with its first sample.
+// Drops the samples of the pause, which belong to no experiment. In lock-step the drive waits with
+// its first sample.
 void BridgeRig::resume() {
   if (!lockstep_) {
     while (talk_.pump(0)) {

@@ -3,13 +3,13 @@
 //   step(u)   COMMAND(k) with a lease -> drive -> SAMPLE(k+1) -> row
 //
 // Lock-step: an emulated drive waits for each command; the rows are those of simulated_rig.hpp, bit
-// for bit. Realtime: the drive sets the pace. Rows that wait are taken one after the other, each with
-// its command, until the host has caught up; a few missing samples are put in between their
+// for bit. Realtime: the drive sets the pace. Waiting rows are taken one after the other, each with
+// its command, until the host has caught up; a few missing samples are interpolated between their
 // neighbours, with the voltage that was asked for.
 //
-// The outputs are off from the start to the first step, during a pause, and from the end on. What ends
-// the experiments: the guard of the bridge (limits of [safety], implausible readings, a silent link, a
-// restart), the drive itself (its lease, its limits), a longer gap in the samples.
+// The outputs are off before the first step, during a pause, and after the end. The experiments end
+// at a trip of the bridge's guard (limits of [safety], implausible readings, a silent link, a
+// restart), of the drive itself (its lease, its limits), or at a longer gap in the samples.
 #pragma once
 #include <deque>
 #include <functional>
@@ -23,17 +23,17 @@
 
 namespace twinrate {
 
-enum class RigPace { kAuto, kLockstep, kRealtime };  // auto: lock-step where the drive offers it
+enum class RigPace { kAuto, kLockstep, kRealtime };  // auto: lock-step if the drive offers it
 
 class BridgeRig final : public Rig {
  public:
-  // Missing samples in a row that are put in, and their largest share.
+  // Longest run of missing samples that is interpolated, and the largest share of missing samples.
   static constexpr int kLongestGap = 8;
   static constexpr double kMostMissing = 0.02;
 
-  // Greets the drive and looks at its first sample. `stop`: asked while the drive is waited for.
-  // Throws BadInput where the drive file or the drive is not fit for it, MachineError where no drive
-  // answers or it is latched.
+  // Connects to the drive and checks its first sample. `stop`: asked while waiting for the drive.
+  // Throws BadInput if the drive file or the drive is not suitable, MachineError if no drive
+  // answers or the drive is latched.
   BridgeRig(Config& drive, RigPace pace, std::function<bool()> stop = {});
 
   const RigFacts& facts() const override { return facts_; }
@@ -42,9 +42,9 @@ class BridgeRig final : public Rig {
   // "udp://127.0.0.1:47001, lock-step"
   std::string where() const;
   int late_ticks() const override;
-  // What the link left in the rows.
+  // Faults of the link that the rows contain.
   std::vector<std::string> notes() const override;
-  // One line: frames, what was wrong with them, how late commands acted.
+  // One line: frames, their errors, delays of late commands.
   std::string account() const { return talk_.account(); }
   std::int64_t missing() const { return missing_; }
 
@@ -69,10 +69,10 @@ class BridgeRig final : public Rig {
     RigRow row;
   };
   std::deque<Arrived> rows_;
-  Arrived last_;            // newest that came
+  Arrived last_;            // newest arrival
   std::int64_t k_ = -1;     // of the row given last
   double theta_raw_ = 0;    // rad, reading of the newest
-  double turned_ = 0;       // rad, whole turns added to it
+  double turned_ = 0;       // rad, whole turns to add to it
   std::deque<Vec2> asked_;  // V, newest last
   std::int64_t sent_ns_ = 0, resets_ = 0;
   std::int64_t taken_ = 0, missing_ = 0, predicted_ = 0;

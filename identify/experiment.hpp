@@ -1,11 +1,12 @@
-// The hand on a rig: holds voltages and currents, records rows, and stops what goes too far.
+// Drives a rig: applies voltages, controls currents, records rows, and ends the experiment at an
+// excessive current.
 //
 // The current loop is a PI controller in complex form, in a frame that turns with omega_e:
 //
 //   u = k_p e + integral (k_i + j omega_e k_p) e + j omega_e L i_ref
 //   k_p = omega_c L,  k_i = k_p omega_c/8,  omega_c = 2 pi f_s/25 (one tick of delay)
 //
-// It needs the inductance alone, within a factor of two or so. The voltage is turned ahead by the
+// It needs only the inductance, within a factor of about two. The voltage is turned ahead by the
 // delay and half a tick.
 #pragma once
 #include <cmath>
@@ -32,11 +33,11 @@ struct IdentifyHooks {
   std::function<bool()> stop;
 };
 
-// A row with the offsets of the current sensors taken off.
+// A row from whose currents the offsets of the sensors are subtracted.
 struct Row {
   Vec2 i = Vec2::Zero(), u = Vec2::Zero();  // alpha, beta
   double theta = 0;                         // rad, mechanical; positive with the phase order
-  bool repeats = false;                     // the three currents are those of the row before
+  bool repeats = false;                     // the three currents equal those of the row before
 };
 using Rows = std::vector<Row>;
 
@@ -52,16 +53,16 @@ class Experiment {
   int ticks(double seconds) const { return std::max(1, static_cast<int>(seconds / T_s() + 0.5)); }
   double seconds() const { return static_cast<double>(k_) * T_s(); }
 
-  // The phases without current, `ticks` long, once the shaft is at rest: the shorted winding brakes
-  // it. Throws RunFailed where it goes on turning.
+  // Measures the phases without current for `ticks` ticks, once the shaft is at rest: the shorted
+  // winding brakes it. Throws RunFailed if the shaft keeps turning.
   void measure_offsets(int ticks);
   const Vec3& offsets() const { return offset_abc_; }
-  // Standard error of the offset along alpha: every current of an experiment has the same.
+  // Standard error of the offset along alpha, which every current of an experiment shares.
   double offset_sigma_alpha() const { return offset_sigma_alpha_; }
   void set_inductance(double L) { L_ = L; }
-  // Of `looked` rows whose currents had to change, `repeated` did not.
+  // Of `looked` rows whose currents should have changed, `repeated` did not change.
   void count_repeats(int repeated, int looked) { repeated_ += repeated, looked_ += looked; }
-  // Share of rows that are not read anew; 0 where it can be chance.
+  // Share of rows without a new reading; 0 if it can be chance.
   double stale_share() const {
     constexpr int kLeast = 10;
     constexpr double kLeastShare = 2e-3;
@@ -74,7 +75,7 @@ class Experiment {
   const Row& apply(const Vec2& u_alphabeta, double theta_e = 0);
   // One tick of the current loop in a frame at `theta_e` now that turns with omega_e.
   const Row& control(const Vec2& i_dq_ref, double theta_e, double omega_e);
-  // The loop begins anew, at this voltage (in its frame).
+  // Restarts the loop at this voltage (in its frame).
   void begin_control(const Vec2& u_dq) { integral_ = u_dq; }
   const Vec2& integral() const { return integral_; }
   const Row& now() const { return row_; }
@@ -98,7 +99,7 @@ class Experiment {
   int direction_ = 1;
   Vec2 integral_ = Vec2::Zero();
   Row row_;
-  Vec3 before_ = Vec3::Constant(NAN);  // A, readings of the row before
+  Vec3 before_ = Vec3::Constant(NAN);  // A, currents of the row before
   int repeated_ = 0, looked_ = 0;
   Rows* rows_ = nullptr;
   std::int64_t k_ = 0;

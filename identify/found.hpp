@@ -1,4 +1,4 @@
-// What an identification finds.
+// Results of an identification.
 #pragma once
 #include <cmath>
 #include <optional>
@@ -12,7 +12,7 @@ namespace twinrate {
 
 struct Found {
   double value = 0, sigma = 0;
-  // A value with a larger sigma is not identified: it is no value for a drive file.
+  // A value with a larger sigma is not identified and does not belong in a drive file.
   bool is_known() const { return sigma < 0.1 * std::abs(value); }
 };
 
@@ -43,25 +43,25 @@ inline constexpr const char* kSaturationForms[] = {"rational", "square", "tanh"}
 struct InductancePoint {
   double i = 0;       // A
   Found L;            // H
-  bool small = true;  // of small changes about i; else psi/i
+  bool small = true;  // incremental, for small changes about i; else psi/i
 };
 
-// Fits L at no current and, where the points fall by more than 2 % and three sigmas, a saturation.
+// Fits L at zero current and, if the points fall by more than 2 % and three sigmas, a saturation.
 struct InductanceFit {
   Found L;
   std::optional<SaturationFound> saturation;
   double misfit = 0;  // chi-square
 };
 InductanceFit fit_inductance(const std::vector<InductancePoint>& points);
-// Both axes. A drive file has one form of saturation: where both saturate, both are fitted with the
-// form that leaves the least misfit in all.
+// Both axes. A drive file has one form of saturation: if both axes saturate, both are fitted with
+// the form of the smallest total misfit.
 struct InductanceFits {
   InductanceFit d, q;
 };
 InductanceFits fit_inductances(const std::vector<InductancePoint>& d,
                                const std::vector<InductancePoint>& q);
 
-// A current that is read late against the voltage.
+// Lag of the current readings against the voltage.
 struct Lateness {
   enum Form { kNone, kDelay, kFirstOrder } form = kNone;
   Found lag;  // s
@@ -73,21 +73,21 @@ struct Identified {
   double theta_zero = 0;  // rad, reading at which the d axis is phase a, of the first pole pair
   Vec3 i_offset = Vec3::Zero();
   Found R_s, L_d, L_q, psi_f, J, B, T_coulomb, T_constant;
-  double phase_spread = 0;  // largest share by which the resistance along a phase is off the mean
+  double phase_spread = 0;  // largest relative deviation of a phase's resistance from the mean
   bool R_s_drifts = false;  // while the direct currents are on
   Found fan;                // Nm s^2, torque over the square of the speed
   Lateness current;
-  Found angle_lag;            // s, against the voltage; 0 where not found
+  Found angle_lag;            // s, against the voltage; 0: not found
   double stale_share = 0;     // of the rows
-  double flux_harmonics = 0;  // of psi_f, at six times the electrical angle; 0 where not found
-  double friction_share = 0;  // by which they may shift the friction
-  Found T_sin, T_cos;         // Nm, torque once a turn over the angle of the encoder, as T_load
+  double flux_harmonics = 0;  // relative to psi_f, at six times the electrical angle; 0: not found
+  double friction_share = 0;  // relative error of the friction that they can cause
+  Found T_sin, T_cos;  // Nm, torque of one period a turn over the encoder angle, sign of T_load
   InverterLoss loss;
   std::vector<InductancePoint> L_d_points, L_q_points;
   std::optional<SaturationFound> saturation_d, saturation_q;
   double i_max = 0, omega_m_max = 0;  // reached
   double duration = 0;                // s, of all experiments
-  std::vector<std::string> notes;     // what was not identified, and why
+  std::vector<std::string> notes;     // parameters that were not identified, with the reason
 };
 
 }  // namespace twinrate

@@ -9,8 +9,9 @@
 namespace twinrate {
 namespace {
 
-// How far a right sheet and a right measurement lie apart: sheets give typical values at 20 or 25
-// degC, inductances at one frequency, the rotor's inertia without what is coupled to it.
+// Expected difference between a correct sheet and a correct measurement: sheets give typical values
+// at 20 or 25 degC, inductances at one frequency, and the inertia of the rotor without its coupled
+// parts.
 constexpr double kWinding = 0.15, kInductance = 0.25, kFlux = 0.08, kInertia = 0.2;
 
 struct Slip {
@@ -39,8 +40,8 @@ constexpr Slip kOfInertia[] = {{1e-7, "1e-7: g cm2 typed as kg m2"},
                                {1e-3, "1/1000: g m2 typed as kg m2"},
                                {1 / 9.81, "1/9.81: a weight, kgf cm s2 or N m2"}};
 
-// A large sigma would make every value agree: such a value is not compared. Every slip that is near
-// is named; the number alone does not tell them apart.
+// A value with a large sigma is not compared, because it would agree with every sheet. Every slip
+// whose factor is near is named: the ratio alone does not distinguish them.
 template <std::size_t N>
 std::string verdict(const Found& found, double sheet, double tolerance, const Slip (&slips)[N]) {
   constexpr double kNear = 0.035;
@@ -85,9 +86,9 @@ void note_readings(Identified& found, double T_s) {
         std::hypot(found.T_sin.value, found.T_cos.value)));
 }
 
-// What a fault leaves in the values beside which it was found.
+// Adds the remaining error of each fault that was found to the sigmas of the values it affects.
 void widen(Identified& found) {
-  constexpr double kFormOfLag = 3e-3;  // a delay and a filter differ by this in L
+  constexpr double kFormOfLag = 3e-3;  // relative difference of L between a delay and a filter
   const auto add = [](Found& x, double share) { x.sigma = std::hypot(x.sigma, share * x.value); };
   if (found.current.form != Lateness::kNone)
     for (Found* L : {&found.L_d, &found.L_q}) add(*L, kFormOfLag);
@@ -96,7 +97,7 @@ void widen(Identified& found) {
   add(found.J, found.phase_spread);
 }
 
-// The sines at standstill fit R and L to 1 % unless something else is in them.
+// The sines at standstill give L_d to 1 % unless the readings contain another effect.
 void note_late_signals(Identified& found) {
   constexpr double kFits = 0.01;
   if (found.L_d.sigma < kFits * found.L_d.value) return;
@@ -119,8 +120,9 @@ Identified identify(Rig& rig, const IdentifyLimits& limits, const IdentifyHooks&
   identify_standstill(e, found);
   identify_spin(e, found);
   found.duration = e.seconds();
-  // These two see no parameter of the machine: with a gain 1 + g of the sensors R_s and L are those
-  // of the motor over 1 + g, J and friction times 1 + g; with one of the voltage all are times 1 + g.
+  // The fits do not show these two errors. With a gain 1 + g of the current sensors, R_s and L are
+  // the true values over 1 + g, J and friction are 1 + g times theirs. With a gain of the voltage
+  // all are 1 + g times their values.
   found.notes.push_back(
       "a common gain of the current sensors: readings 1 % too large make R_s, L_d and L_q 1 % too "
       "small, J and friction 1 % too large");

@@ -40,7 +40,8 @@ Weighted weighted_fit(const std::vector<InductancePoint>& points, Share share_of
   return fit;
 }
 
-// L at no current is extrapolated, with a sine that is not small: of five drawn drives.
+// Relative error of L at zero current, which is extrapolated from sines of finite amplitude; from
+// five drawn drives.
 constexpr double kExtrapolated = 3e-3;
 constexpr int kForms[] = {0, 1, 2};
 
@@ -72,8 +73,8 @@ InductanceFit fit_with(const std::vector<InductancePoint>& points, std::span<con
   if (!result.saturation) return result;
   result.L = {best.L, std::hypot(scatter(best, 2), kExtrapolated * best.L)};
   result.misfit = best.misfit;
-  // Another form or scale that the points do not tell from the best has another inductance at no
-  // current.
+  // Other forms and scales that fit the points about as well give another L at zero current: the
+  // largest difference is part of sigma.
   const double unit = std::max(1.0, best.misfit / std::max(1.0, n - 2));
   for (const Weighted& fit : fits)
     if (fit.misfit < best.misfit + unit)
@@ -101,7 +102,7 @@ InductanceFits fit_inductances(const std::vector<InductancePoint>& d,
     least = fits.d.misfit + fits.q.misfit;
     best = fits;
   }
-  // What each axis alone says of L is part of its error.
+  // The difference to the fit of one axis alone is part of the error of L.
   best.d.L.sigma =
       std::max({best.d.L.sigma, alone.d.L.sigma, std::abs(best.d.L.value - alone.d.L.value)});
   best.q.L.sigma =

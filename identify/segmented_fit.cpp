@@ -10,7 +10,7 @@ namespace twinrate {
 namespace {
 
 Eigen::VectorXd solved(const Eigen::MatrixXd& N, const Eigen::VectorXd& b) {
-  // Columns of unit length: the parameters have different units.
+  // Scales the columns to unit length: the parameters have different units.
   const Eigen::VectorXd scale =
       N.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0 ? 1 / s : 1.0; });
   const Eigen::MatrixXd scaled = scale.asDiagonal() * N * scale.asDiagonal();

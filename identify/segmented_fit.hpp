@@ -1,9 +1,9 @@
-// Least squares over segments: parameters that all segments share, others that are free in each.
+// Least squares over segments: some parameters are shared by all segments, others are free in each.
 //
 //   y_s = L_s a_s + S_s x + e_s          s = 1 .. n
 //
-// a_s (initial values, drifts) are eliminated by a QR of L_s. The error of x is that of the
-// jackknife: it holds where the rows of a segment are correlated, as sums of noise are.
+// a_s (initial values, drifts) are eliminated by a QR of L_s. The error of x comes from the
+// jackknife, which is valid although the rows of a segment are correlated (sums of noise).
 //
 //   sigma^2 = (n-1)/n sum_s (x_(s) - mean)^2          x_(s): without segment s     (Efron 1979)
 #pragma once
@@ -20,10 +20,10 @@ class SegmentedFit {
   void add(const Eigen::MatrixXd& local, const Eigen::MatrixXd& shared, const Eigen::VectorXd& y);
 
   struct Solution {
-    Eigen::VectorXd x, sigma;  // 0 where not used; sigma infinite with fewer than three segments
+    Eigen::VectorXd x, sigma;  // 0 if not used; sigma infinite with fewer than three segments
     double rms = 0;            // of the residual
   };
-  // Of the parameters in `used` (indices of x), the others being zero.
+  // Solves for the parameters in `used` (indices of x); the others are zero.
   Solution solve(const std::vector<Eigen::Index>& used) const;
   std::size_t segments() const { return parts_.size(); }
 

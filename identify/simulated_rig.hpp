@@ -1,7 +1,8 @@
-// The simulated plant of a drive file as a rig: the machine is hidden behind its readings.
+// The simulated plant of a drive file as a rig, which shows only its readings.
 //
-// The shaft is free and at rest at first: load and start of the drive file do not count. Effects of the plant act, those that
-// disturb the readings too. The wiring can be wrong, to see whether it is noticed.
+// The shaft is free and at rest at first: load and start of the drive file are not used. The
+// effects of the plant act, including those of the readings. The wiring can be wrong, to test
+// whether the identification detects it.
 #pragma once
 #include "core/config.hpp"
 #include "identify/rig.hpp"

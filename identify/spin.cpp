@@ -10,8 +10,8 @@
 namespace twinrate {
 namespace {
 
-// A row that repeats the one before lies between its neighbours; an angle that stood still in it,
-// too. The currents turn.
+// The currents of a row that repeats the one before are interpolated between its neighbours, in
+// turning axes. So is its angle if it repeats, too.
 void mend_stale_rows(Rows& rows, int n_p) {
   for (std::size_t k = 1; k + 1 < rows.size(); ++k) {
     if (!rows[k].repeats || rows[k + 1].repeats) continue;
@@ -22,15 +22,15 @@ void mend_stale_rows(Rows& rows, int n_p) {
   }
 }
 
-// Currents into the time of the voltage.
+// Turns the currents to the time of the voltage.
 void turn_currents(Rows& rows, double angle_per_speed, double T_s) {
   if (rows.size() < 2) return;
   for (std::size_t k = 0; k < rows.size(); ++k)
     rows[k].i = inverse_park(rows[k].i, angle_per_speed * speed_about(rows, k, T_s));
 }
 
-// A falling L_q is a saturation. One that is larger beside no current along d is none; a resistance
-// that is not the R_s at rest makes one.
+// A falling L_q is a saturation. A rising one is none: L_q is larger without a current along d
+// (cross saturation), or R_s is not that at rest.
 void note_rising_inductance(Identified& found) {
   constexpr double kSigmas = 3, kMaterial = 0.02;
   const Found& rest = found.L_q_points.front().L;

@@ -10,10 +10,11 @@ namespace twinrate {
 namespace {
 
 constexpr Eigen::Index kLag = 2 + kLevelCount;  // column of FluxFit
-constexpr int kHarmonics = 4;                   // columns behind it
+constexpr int kHarmonics = 4;                   // columns after it
 
-// The voltage stands still while the EMF turns, and near zero current the loss of the inverter is a
-// large resistance: the tick is integrated, in rotor axes,
+// Within a tick the voltage is constant in stator axes while the EMF turns, and near zero current
+// the loss of the inverter is a large resistance. Therefore the currents are integrated over the
+// tick, in rotor axes:
 //   L_d i_d' = u_d - R_s i_d - drop_d + omega L_q i_q
 //   L_q i_q' = u_q - R_s i_q - drop_q - omega (L_d i_d + psi_f)
 Tick inside_tick(const Identified& f, const Row& before, const Row& row, double T_s) {
@@ -61,7 +62,7 @@ std::vector<Tick> inside_ticks(const Identified& f, const Rows& rows, double T_s
     Row at = rows[k], before = rows[k - 1];
     const double step = 0.5 * T_s * speed_about(rows, k, T_s),
                  mean = 0.5 * (at.theta + before.theta);
-    before.theta = mean - step, at.theta = mean + step;  // no steps of the encoder
+    before.theta = mean - step, at.theta = mean + step;  // without the steps of the encoder
     ticks[k] = inside_tick(f, before, at, T_s);
   }
   return ticks;
@@ -115,7 +116,7 @@ class FluxFit {
   // The mean of u - drop - R_s i between the row before and this one.
   Vec2 emf_between(const SpinRun& segment, std::size_t k) const {
     const Row &row = segment.rows[k], &before = segment.rows[k - 1];
-    // The mean of a vector that turns by 2x between its ends.
+    // Mean of a vector that turns by 2x: the mean of its ends times tan(x)/x.
     const double x = 0.5 * (theta_e(row) - theta_e(before));
     const double bend = std::abs(x) < 1e-6 ? 1 : std::tan(x) / x;
     Vec2 i = 0.5 * bend * (row.i + before.i), drop = found_.loss.drop(i);
@@ -126,7 +127,7 @@ class FluxFit {
     return row.u - drop - found_.R_s.value * i;
   }
 
-  // The regressors and the flux of a row, alpha and beta.
+  // The regressors and the flux of a row, in alpha and beta.
   void put_row(const SpinRun& segment, std::size_t k, const Vec2& psi,
                Eigen::Ref<Eigen::MatrixXd, 0, Eigen::OuterStride<>> shared,
                Eigen::Ref<Eigen::VectorXd> y) const {
@@ -156,10 +157,11 @@ class FluxFit {
   double T_s_;
 };
 
-// Their EMF drives currents that brake, and a torque that the motion's model lacks.
+// The EMF of the harmonics drives currents that brake, a torque that the model of the motion does
+// not contain.
 void note_flux_harmonics(const FluxFit& flux, std::vector<Eigen::Index> used, Identified& found) {
   constexpr double kSigmas = 5, kMaterial = 5e-3;  // of psi_f
-  // Three per cent made B 70 % too large (docs/identify-a-motor.md).
+  // Harmonics of 3 % made B 70 % too large (docs/identify-a-motor.md).
   constexpr double kFrictionAShare = 30;
   for (int column = 0; column < kHarmonics; ++column) used.push_back(kLag + 1 + column);
   const auto s = flux.solve(used);
@@ -184,9 +186,10 @@ Found lag_of(const FluxFit& flux, const std::vector<Eigen::Index>& used) {
 // psi_f, the zero of the angle, and L_q over its current, from the columns `used` of the fit.
 void take_flux(const Experiment& e, const FluxFit& flux, const std::vector<Eigen::Index>& used,
                Identified& found) {
-  // Errors of R_s and of the angle's zero cause errors in a flux, here as shares of psi_f: in L_q at
-  // its current, and in psi_f. The loss of the inverter causes a share of its voltage over the EMF.
-  // Of 35 drawn drives, whose errors were up to 12 sigmas of the jackknife alone.
+  // Errors of R_s and of the angle's zero cause errors of the flux: in L_q at its current and in
+  // psi_f, here as shares of psi_f. The loss of the inverter causes an error of psi_f, a share of
+  // its voltage over the speed. The values come from 35 drawn drives, whose errors were up to 12
+  // sigmas of the jackknife alone.
   constexpr double kFluxError = 1e-3, kErrorOfPsi = 5e-5, kErrorOfLoss = 0.04;
   const auto solution = flux.solve(used);
   const auto &x = solution.x, &sigma = solution.sigma;
@@ -195,7 +198,7 @@ void take_flux(const Experiment& e, const FluxFit& flux, const std::vector<Eigen
       kErrorOfLoss * std::abs(found.loss.V.value) / (found.n_p * std::max(found.omega_m_max, 1e-9));
   found.psi_f = {psi, std::hypot(sigma[0], kErrorOfPsi * psi, of_loss)};
   found.theta_zero += std::atan2(x[1], x[0]) / found.n_p;
-  found.L_q_points.resize(1);  // of standstill
+  found.L_q_points.resize(1);  // keeps the point of standstill
   for (const Eigen::Index column : used) {
     if (column < 2 || column == kLag) continue;
     const double i = kLevels[column - 2] * e.i_max();
@@ -208,7 +211,7 @@ void take_flux(const Experiment& e, const FluxFit& flux, const std::vector<Eigen
 
 void find_flux(const Experiment& e, std::vector<SpinRun>& segments, Identified& found) {
   constexpr double kSigmas = 5, kLagMaterial = 0.03;  // of a tick
-  // The second pass has the corrected zero of the angle, the third and fourth its lag.
+  // From the second pass on the zero of the angle is corrected, from the third on its lag.
   bool is_late = false;
   for (int pass = 0; pass < (is_late ? 4 : 2); ++pass) {
     FluxFit flux(e, found);

@@ -9,8 +9,8 @@
 namespace twinrate {
 namespace {
 
-// Columns: 1/J, B/J, T_C/J, T_0/J, a torque with the square of the speed, and one of a period a
-// turn (sin, cos).
+// Columns: 1/J, B/J, T_C/J, T_0/J, a torque with the square of the speed, and a torque of one
+// period a turn (sin, cos).
 class MotionFit {
  public:
   MotionFit(const Experiment& e, const Identified& found) : fit_(7), found_(found), T_s_(e.T_s()) {}
@@ -69,13 +69,14 @@ class MotionFit {
 
 constexpr double kSigmasOfTerm = 4;  // of the jackknife
 
-// Terms of the motion that the runs show.
+// Terms of the motion that are significant in the runs.
 struct ShownTerms {
   SegmentedFit::Solution solution;
-  double assisting = 0;  // Nm over J: a Coulomb torque that drives, left out
+  double assisting = 0;  // Nm over J: a negative Coulomb torque, left out
 };
 
-// A torque with the square of the speed is tried first: without it the others take its part.
+// A torque with the square of the speed is tested first: without it the other terms fit a part of
+// it.
 bool has_fan(const SegmentedFit::Solution& fan, double omega) {
   constexpr double kFanShare = 0.2;
   const double square = fan.x[4] * omega * omega, other = fan.x[1] * omega + fan.x[2];
@@ -99,17 +100,17 @@ ShownTerms shown_terms(const MotionFit& motion, double omega) {
   else
     used.pop_back();
   for (const Eigen::Index term : {3, 2}) {
-    const bool assists = term == 2 && solution.x[2] < 0;  // no friction does
+    const bool assists = term == 2 && solution.x[2] < 0;  // friction never drives
     if (material(term) && !assists) continue;
     if (assists && material(term)) shown.assisting = solution.x[2];
     std::erase(used, term);
     solution = motion.solve(used);
   }
-  // Once a turn: unbalance, or an encoder that is not centred.
+  // A torque of one period a turn: unbalance, or an eccentric encoder.
   used.insert(used.end(), {5, 6});
   const auto once = motion.solve(used);
   const double swing = std::hypot(once.x[5], once.x[6]);
-  // A small one drowns in its own jackknife, but not in the residual.
+  // A small one is below its jackknife error, but still reduces the residual.
   constexpr double kFalls = 0.9;
   const bool is_seen = swing > kSigmasOfTerm * std::hypot(once.sigma[5], once.sigma[6]) ||
                        once.rms < kFalls * solution.rms;
@@ -121,9 +122,10 @@ ShownTerms shown_terms(const MotionFit& motion, double omega) {
 }  // namespace
 
 void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Identified& found) {
-  // What quadrature and quantised angle leave in J and in the friction, of the same drives.
+  // Relative errors of J and of the friction from quadrature and quantised angle, of the same
+  // drives.
   constexpr double kErrorOfJ = 2e-4, kErrorOfFriction = 4e-3;
-  // Of the test torque: currents that the loss of the inverter hides within a tick.
+  // Relative to the test torque: currents within a tick that the loss of the inverter causes.
   constexpr double kErrorOfLoss = 5e-5;
   MotionFit motion(e, found);
   for (const SpinRun& s : segments) motion.add(s);

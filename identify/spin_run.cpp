@@ -21,8 +21,9 @@ class Spinner {
   double u() const { return u_; }  // V, amplitude, smoothed like the speed
 
   void tick(double i_q) {
-    // A quantised angle: its difference is smoothed over some fifty ticks. A reversal takes forty: at
-    // 0.2 rad a tick the loop overshoots a step of twice the test current by more than half of it.
+    // The angle is quantised, so its difference is smoothed over some fifty ticks. A reversal of
+    // the current takes forty ticks: at 0.2 rad a tick the loop overshoots a sudden step of twice
+    // the test current by more than half of it.
     constexpr double kShare = 0.02, kSlew = 0.05;
     i_ref_ += std::clamp(i_q - i_ref_, -kSlew * e_.i_max(), kSlew * e_.i_max());
     const Row& row = e_.control(Vec2(0, i_ref_), before_, omega_e_);
@@ -31,7 +32,7 @@ class Spinner {
     u_ += kShare * (row.u.norm() - u_);
     before_ = now;
   }
-  // Until `done()`; false where the time is over first.
+  // Runs until `done()`; false if the time ends first.
   template <class Done>
   bool run(double i_q, double longest_s, Done done) {
     for (int k = 0; k < e_.ticks(longest_s); ++k) {
@@ -55,8 +56,8 @@ class Spinner {
   double before_ = 0, omega_e_ = 0, u_ = 0, i_ref_ = 0;
 };
 
-// A voltage that acts m ticks late has turned by m omega_e T_s less than the EMF has: meanwhile the
-// current runs away by about
+// A voltage that acts m ticks late lags the EMF by m omega_e T_s in angle. Meanwhile the current
+// grows by about
 //   |u| omega_e (m T_s)^2/(2 L)
 bool lateness_limits(const Experiment& e, const Spinner& spinner) {
   constexpr double kMost = 0.6;  // of i_max; at twice i_max the experiment ends
@@ -65,7 +66,7 @@ bool lateness_limits(const Experiment& e, const Spinner& spinner) {
          kMost * e.i_max();
 }
 
-// The top of the speed range, electrical.
+// The largest electrical speed of the runs.
 double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
   constexpr double kPatience_s = 15, kRelease_s = 0.1;
   const double limit = e.omega_m_max() > 0 ? found.n_p * e.omega_m_max() : INFINITY;
@@ -73,7 +74,7 @@ double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
     return spinner.u() > kVoltageShare * e.u_max() || spinner.omega_e() > 0.95 * limit ||
            lateness_limits(e, spinner);
   };
-  spinner.run(0, kRelease_s, [] { return false; });  // of the current that held the rotor
+  spinner.run(0, kRelease_s, [] { return false; });  // decay of the current that held the rotor
   for (const double share : {0.3, 1.0})
     if (spinner.run(share * e.i_max(), kPatience_s, at_the_top)) return spinner.omega_e();
   if (spinner.omega_e() * e.T_s() < 1e-3)
@@ -81,8 +82,8 @@ double run_up(Experiment& e, Spinner& spinner, const Identified& found) {
   return spinner.omega_e();
 }
 
-// In a small range of speed the ramps are too short for J and friction: ramps of some 600 rows, or of
-// as little current as still accelerates.
+// In a small speed range the ramps are too short for J and friction. These ramps have a lower
+// current, for some 600 rows, down to a tenth of the smallest level.
 void slow_ramps(Experiment& e, Spinner& spinner, double top, std::vector<SpinRun>& segments) {
   constexpr double kRows = 600, kLongest_s = 3, kLeast = 0.1;  // of the smallest level
   double rows = kRows;

@@ -11,20 +11,20 @@ inline constexpr double kLevels[] = {0.25, 0.5, 0.75, 1};  // of i_max
 inline constexpr int kLevelCount = 4;
 inline constexpr std::size_t kLeastRows = 60;  // of a piece
 
-// What the samples at its ends do not show of a tick.
+// Currents and voltages within a tick that the samples at its ends do not show.
 struct Tick {
-  Vec2 bow = Vec2::Zero();   // A, mean current less that of the chord
+  Vec2 bow = Vec2::Zero();   // A, mean current less the mean of its two ends
   double bow_q = 0;          // A, mean i_q less the mean of its two ends
   Vec2 drop = Vec2::Zero();  // V, mean loss of the inverter
 };
 
 struct SpinRun {
   Rows rows;
-  std::vector<Tick> ticks = {};  // of the tick before each row; empty as long as psi_f is unknown
+  std::vector<Tick> ticks = {};  // of the tick before each row; empty until psi_f is known
   int level = -1;                // of kLevels; -1: coast, slow ramp
 };
 
-// Fills found.omega_m_max. Throws RunFailed: the shaft does not turn.
+// Runs the ramps and coasts. Fills found.omega_m_max. Throws RunFailed: the shaft does not turn.
 std::vector<SpinRun> run_spin(Experiment& e, Identified& found);
 
 // d theta/dt about row k.

@@ -14,7 +14,7 @@ constexpr int kDirectLevels = 14;
 constexpr double kBiases[] = {0.3, 0.5, 0.75, 1};  // of i_max, along d
 constexpr double kBiasForQ = 0.75, kSineShare = 0.3;
 
-// Of i_k = a i_{k-1} + b u, the exact hold:  L = T_s (1 - a)/(-b ln a).
+// From i_k = a i_{k-1} + b u, the exact discretisation:  L = T_s (1 - a)/(-b ln a).
 double inductance_of(const Rows& rows, double T_s) {
   double ii = 0, iu = 0, uu = 0, yi = 0, yu = 0;
   for (std::size_t k = 1; k < rows.size(); ++k) {
@@ -27,7 +27,7 @@ double inductance_of(const Rows& rows, double T_s) {
   return T_s * (1 - a) / (-b * std::log(a));
 }
 
-// Pulses of both signs, so that the rotor stays where it is. H.
+// Inductance in H, from pulses of both signs, so that the rotor keeps its place.
 double inductance_of_pulses(Experiment& e) {
   constexpr double kEnough = 0.3;  // of i_max
   double u = 1e-3 * e.u_max();
@@ -77,8 +77,8 @@ Vec2 along(double phi) {
   return {std::cos(phi), std::sin(phi)};
 }
 
-// A voltage along `phi` that grows slowly until the current there is `i`: a voltage, not a current
-// loop, because the EMF then damps the rotor on its way. Returns the voltage.
+// Raises a voltage along `phi` slowly until the current along it is `i`. A voltage instead of a
+// current loop, because the EMF then damps the rotor. Returns the voltage.
 double align(Experiment& e, double phi, double i) {
   constexpr double kFold_s = 0.4, kShare = 0.02, kWait_s = 0.3, kNear = 0.05;
   double u = 1e-3 * e.u_max(), smooth = 0;
@@ -99,8 +99,8 @@ double align(Experiment& e, double phi, double i) {
   return u;
 }
 
-// Turns the voltage by `turns` from `phi`, as slowly as the rotor follows: its EMF must not change
-// the current `i` by much. Returns the mean angle at rest.
+// Turns the voltage by `turns` from `phi`, slowly enough for the rotor: its EMF must change the
+// current `i` only a little. Returns the mean angle at rest.
 double turn(Experiment& e, double phi, double turns, double u, double i) {
   constexpr double kFastest = 8, kMost = 0.4, kShare = 0.02, kLongest_s = 120;  // rad/s, of i
   const double whole = kTwoPi * std::abs(turns), sign = turns < 0 ? -1 : 1;
@@ -119,7 +119,7 @@ double turn(Experiment& e, double phi, double turns, double u, double i) {
 
 void find_wiring(Experiment& e, Identified& found) {
   const double i = e.i_max();
-  // A rotor at the unstable point of one direction turns in the other.
+  // A rotor at the unstable equilibrium of one direction turns for the other direction.
   const double u = align(e, kPi / 2, i);
   const double start = turn(e, kPi / 2, -0.25, u, i);
   const double there = turn(e, 0, kTurns, u, i);
@@ -143,16 +143,16 @@ void find_wiring(Experiment& e, Identified& found) {
 
 struct Level {
   double i = 0, u = 0;
-  double place = 0;  // in time: 0 of the first level, 1 of the last
-  double moved = 0;  // rad, of the shaft meanwhile
+  double place = 0;  // in time: 0 for the first level, 1 for the last
+  double moved = 0;  // rad, range of the shaft angle during the level
 };
 
-// The current loop finds the voltage of a level, which is then held: the swing of the rotor dies
-// away, and the voltage has no noise. The last one repeats the first: a winding that warms has
-// another voltage then.
+// The current loop finds the voltage of a level, which is then held constant: the swing of the
+// rotor decays, and the voltage has no noise. The last level repeats the first to detect a winding
+// that warms.
 std::vector<Level> direct_levels(Experiment& e) {
   constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
-  // Below the lowest level the loss of the inverter shows its form.
+  // Below the lowest level the measured voltages show the form of the inverter's loss.
   constexpr double kSmall[] = {0.6, 0.35, 0.2, 0.1};
   std::vector<double> wanted;
   for (int level = kDirectLevels; level > 0; --level) wanted.push_back(level);
@@ -185,7 +185,7 @@ struct DirectFit {
   double misfit = INFINITY;
 };
 
-// `i_sigma`: of the offset that all levels share, A.
+// `i_sigma`: standard error of the offset that all levels share, A.
 DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_linear,
                      CurrentShape shape, bool drifts) {
   const auto n = static_cast<Eigen::Index>(levels.size());
@@ -215,7 +215,7 @@ DirectFit fit_direct(const std::vector<Level>& levels, double i_sigma, double i_
   return fit;
 }
 
-// The least misfit, in two rounds.
+// Searches the form of the smallest misfit, first coarsely, then finely.
 DirectFit loss_form(const std::vector<Level>& levels, double i_max, bool drifts) {
   DirectFit best;
   const auto look = [&](double from, double to, double ratio) {
@@ -232,7 +232,7 @@ DirectFit loss_form(const std::vector<Level>& levels, double i_max, bool drifts)
   return best;
 }
 
-// u/i of the step from half of the current to all of it, along `phi`.
+// Slope u/i between half the test current and the full one, along `phi`.
 double step_resistance(Experiment& e, double phi) {
   constexpr double kFind_s = 0.1, kSettle_s = 0.15, kMean_s = 0.2;
   double i[2] = {}, u[2] = {};
@@ -250,7 +250,7 @@ double step_resistance(Experiment& e, double phi) {
   return (u[0] - u[1]) / (i[0] - i[1]);
 }
 
-// The rotor aligned with each phase in turn. Of phases that differ, R_s is the mean.
+// Aligns the rotor with each phase in turn. If the phases differ, R_s is the mean.
 void compare_phases(Experiment& e, Identified& found) {
   constexpr double kMaterial = 5e-3;
   const double u = found.R_s.value * e.i_max() + 4.0 / 3 * found.loss.V.value;
@@ -274,7 +274,8 @@ void compare_phases(Experiment& e, Identified& found) {
       100 * (R[0] / mean - 1), 100 * (R[1] / mean - 1), 100 * (R[2] / mean - 1)));
 }
 
-// A small current does not hold a shaft with unbalance or cogging, whose EMF is no loss.
+// Removes the small levels if the shaft moved: a small current does not hold it against unbalance
+// or cogging, and its EMF is no loss of the inverter.
 void erase_levels_that_slip(const Experiment& e, std::vector<Level>& levels) {
   const double count = e.facts().encoder_counts > 0 ? kTwoPi / e.facts().encoder_counts : 0;
   bool slips = false;
@@ -283,8 +284,9 @@ void erase_levels_that_slip(const Experiment& e, std::vector<Level>& levels) {
   if (slips) levels.erase(levels.begin() + kDirectLevels, levels.end() - 1);
 }
 
-// The form of the loss is that of all levels; R_s and the size of the loss are those of the levels
-// above it: within its linear zone a small error of the current is a large one of the voltage.
+// The form of the loss is fitted to all levels. R_s and the size of the loss are fitted to the
+// levels above its linear zone, in which a small error of the current causes a large one of the
+// voltage.
 DirectFit best_direct_fit(const Experiment& e, const std::vector<Level>& levels, bool drifts) {
   constexpr double kMaterial = 2e-3, kSigmas = 4, kAsGood = 1.5;
   const double i_sigma = e.offset_sigma_alpha();
@@ -293,7 +295,7 @@ DirectFit best_direct_fit(const Experiment& e, const std::vector<Level>& levels,
   std::erase_if(large, [&](const Level& l) { return l.i < 0.8 / kDirectLevels * e.i_max(); });
   const DirectFit plain = fit_direct(large, i_sigma, 0, CurrentShape::kClamp, drifts);
   DirectFit best = fit_direct(large, i_sigma, form.loss.i_linear, form.loss.shape, drifts);
-  // The R_s of other forms that fit about as well is part of its error.
+  // The error of R_s includes its difference in other forms that fit about as well.
   for (int shape = 0; shape < 4; ++shape)
     for (double i_linear = 2e-3 * e.i_max(); i_linear < 1.5 * e.i_max(); i_linear *= 1.05) {
       const auto form_of = static_cast<CurrentShape>(shape);
@@ -336,7 +338,7 @@ Vec2 holding(const Identified& found, double i) {
   return found.R_s.value * Vec2(i, 0) + found.loss.drop(Vec2(i, 0));
 }
 
-// What a friction and a swing that the model of the q axis has as their means leave in L_q.
+// Relative error of L_q from the mean friction and the mean swing in the model of the q axis.
 constexpr double kModelOfSwing = 5e-4;
 
 void find_inductances(Experiment& e, Identified& found, double L_pulse) {
@@ -365,8 +367,8 @@ void find_inductances(Experiment& e, Identified& found, double L_pulse) {
   const AxisFit q = fit_axis(sines, e.T_s(), found.R_s.value, true, found.current);
   found.L_q = q.L;
   found.L_q.sigma = std::hypot(found.L_q.sigma, kModelOfSwing * found.L_q.value);
-  // A sine of amplitude A about zero sees flux over current at about 0.85 A: 8/(3 pi) A for a flux
-  // that lacks i |i|, sqrt(3)/2 A for one that lacks i^3.
+  // For a sine of amplitude A about zero, L_q is flux over current at about 0.85 A: at 8/(3 pi) A
+  // if the flux falls with i |i|, at sqrt(3)/2 A if it falls with i^3.
   found.L_q_points = {{0.85 * q.i, found.L_q, false}};
 }
 

@@ -1,14 +1,14 @@
 // Experiments at standstill: wiring and pole pairs, resistance with the loss of the inverter,
 // inductances.
 //
-//   pulses     growing voltage pulses along alpha until the current answers: L within a factor 2,
-//              for the current loop
-//   wiring     a voltage vector turns two electrical turns forth and back; the encoder follows by
-//              n_p = turns of the vector/turns of the shaft, with the sign of the wiring
-//   R_s        the rotor aligned with phase a, a current along it in fourteen levels, four below them
-//              for the form of the loss, the first again:
+//   pulses     growing voltage pulses along alpha until the current is large enough: L within a
+//              factor of 2, for the current loop
+//   wiring     a voltage vector turns two electrical turns forth and back; the encoder gives
+//              n_p = turns of the vector/turns of the shaft, and the sign of the wiring
+//   R_s        the rotor aligned with phase a, a current along it at fourteen levels, at four lower
+//              ones for the form of the loss, and at the first level again:
 //                u = R_s i + 2/3 V (sat(i/i_linear) + sat(i/(2 i_linear)))
-//              V does not spoil R_s: above i_linear it is a constant
+//              V does not bias R_s: above i_linear the loss is constant
 //   L_d, L_q   a sine of voltage on top of the aligning voltage, along d and along q, several
 //              frequencies. Discrete transfer function with the exact hold; along q the rotor
 //              gives way, which is part of the model:

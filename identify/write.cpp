@@ -13,8 +13,8 @@ using Json = nlohmann::ordered_json;
 constexpr const char* kLatenessForms[] = {"none", "delay", "first_order"};
 constexpr double kAngleMaterial = 2e-3;  // electrical, rad: a smaller zero is not written
 
-// The mechanical reading at which the d axis is phase a, nearest to zero; of an encoder that counts
-// with the phase order. A reading is the lower end of an encoder step.
+// The mechanical reading at which the d axis is phase a, nearest to zero, for an encoder that
+// counts with the phase order. A reading is the lower end of an encoder step.
 double encoder_offset(const Identified& f, int encoder_counts) {
   const double half_step = encoder_counts > 0 ? kPi / encoder_counts : 0;
   return wrap_pi(f.n_p * (f.theta_zero + half_step)) / f.n_p;
@@ -52,7 +52,7 @@ std::string effects_text(const Identified& f, int encoder_counts) {
         f.fan.value);
   const double offset = encoder_offset(f, encoder_counts);
   const bool has_offset = std::abs(offset) * f.n_p > kAngleMaterial;
-  if (f.T_sin.value != 0)  // over the angle of the machine, not that of the encoder
+  if (f.T_sin.value != 0)  // over the angle of the machine instead of the encoder
     text += fmt::format(
         "\n[[effect]]\nkind = \"eccentric_load\"\nused_in = \"both\"\namplitude_Nm = {:.6g}\n"
         "phase_rad = {:.6g}\n",
