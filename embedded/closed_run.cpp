@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-// A drive that switched off is not locked.
+// A drive that has switched off is not locked.
 void note_trips(const Plant& plant, std::int64_t k, const DriveConfig& drive,
                 const std::function<void(const EventRecord&)>& trip) {
   for (int i = 0; i < plant.safety().event_count(); ++i) {

@@ -1,4 +1,4 @@
-// The closed loop of loop/closed_loop.hpp with any estimator in the place of the filter: the
+// The closed loop of loop/closed_loop.hpp with another estimator instead of its filter: the
 // fixed-point filter on this machine, or the emulated processor.
 #pragma once
 #include <functional>
@@ -11,7 +11,7 @@ namespace twinrate {
 
 using EstimatorTick = std::function<Estimate(const Measurement&)>;
 
-// One tick of it; the references live until the next one.
+// One tick of the run; the references are valid until the next tick.
 struct ClosedTick {
   const Measurement& measurement;
   const Truth& truth;
@@ -26,8 +26,8 @@ void run_closed(Config& config, const EstimatorTick& estimator,
 // The whole run of the drive file, in memory.
 RunLog closed_run(Config& config, const EstimatorTick& estimator);
 
-// The double-precision filter of the drive file, along a recorded run: what it would have estimated
-// from the same measurements.
+// The estimates of the drive file's double-precision filter from the measurements of a recorded
+// run.
 std::vector<Estimate> double_estimates(Config& config, const RunLog& log);
 
 // Largest |theta_e| difference of two runs of estimates from tick `from` on, rad.

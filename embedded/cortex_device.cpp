@@ -73,7 +73,7 @@ void CortexDevice::start_emulator(CortexLink link) {
   _exit(127);
 }
 
-// Opened for both directions: the open then does not wait for the other side.
+// Opened for both directions, so that open() does not wait for the other side.
 void CortexDevice::open_fifos() {
   to_ = open((scratch_.path() + "/to_device").c_str(), O_RDWR | O_CLOEXEC);
   from_ = open((scratch_.path() + "/from_device").c_str(), O_RDWR | O_CLOEXEC);

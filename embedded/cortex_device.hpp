@@ -1,5 +1,5 @@
-// The emulated Cortex-M3 with the loop image (firmware/cortex_m3/image/loop_image.cpp), in lock-step:
-// SAMPLE(k) -> Answer(k). A process of its own, ended by the destructor.
+// The emulated Cortex-M3 with the loop image (firmware/cortex_m3/image/loop_image.cpp), in
+// lock-step: SAMPLE(k) -> Answer(k). It is a process of its own, which the destructor ends.
 #pragma once
 #include <sys/types.h>
 
@@ -17,20 +17,20 @@ inline constexpr const char* kCortexLinkNames[] = {"semihosting", "uart"};
 
 class CortexDevice {
  public:
-  // `period_s`: of the control interrupt in the processor's own time, at 31.25e6 instructions a second
-  // (qemu -icount shift=5). Throws MachineError where the emulator or the image is missing.
-  // `sends_gains`: its background's gains come with the answers.
+  // `period_s`: period of the control interrupt in the time of the processor, at 31.25e6
+  // instructions a second (qemu -icount shift=5). Throws MachineError if the emulator or the image
+  // is missing. `sends_gains`: the answers contain the gains of its background.
   CortexDevice(const m3::Settings& settings, CortexLink link, double period_s,
                bool sends_gains = false);
   ~CortexDevice();
   CortexDevice(const CortexDevice&) = delete;
   CortexDevice& operator=(const CortexDevice&) = delete;
 
-  // Throws MachineError where the processor does not answer within 20 s.
+  // Throws MachineError if the processor does not answer within 20 s.
   const m3::Answer& tick(const Measurement& m);
-  // The answer without a tick: for a gain that is ready since the last one.
+  // The answer without a tick: fetches a gain that was finished after the last answer.
   const m3::Answer& ask(std::int64_t k);
-  // Of the last answer; null: none came with it.
+  // The gain of the last answer; null: the answer had none.
   const m3::NewGain* new_gain() const { return gain_.k < 0 ? nullptr : &gain_; }
 
  private:
@@ -51,7 +51,7 @@ class CortexDevice {
 };
 
 FixedEstimate estimate_of(const m3::Answer& answer);
-// As GAIN has it: in SI, of the 32-bit format.
+// The gain as in GAIN: in SI, from the 32-bit format.
 Gain gain_of(const m3::NewGain& gain, const DriveConfig& drive);
 
 }  // namespace twinrate

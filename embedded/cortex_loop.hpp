@@ -1,5 +1,5 @@
 // A run of the drive with the emulated Cortex-M3 as its estimator, in lock-step with the simulated
-// plant, beside the same filter on this machine and beside the one in double precision.
+// plant. Compares it with the same filter on this machine and with the filter in double precision.
 #pragma once
 #include "embedded/cortex_device.hpp"
 

@@ -64,7 +64,7 @@ void add_loop(CLI::App& app, int& exit_code) {
   verb->callback([o, &exit_code] { exit_code = loop(*o); });
 }
 
-// The options that launch gives to every process follow the own ones.
+// The options that launch gives to every process follow the options of this program.
 void add_estimator(CLI::App& app, int& exit_code) {
   CLI::App* verb = app.add_subcommand(
       "estimator",

@@ -54,7 +54,7 @@ class CortexProcess {
     p_.bus().publish(to_wire(last_, p_.bus().session()));
     p_.progress(m.k);
     publish_gain();
-    // No tick comes after the last one to bring its gain.
+    // After the last tick no further answer carries its gain.
     while (m.k + 1 == p_.drive().steps() && gain_k_ < newest_snapshot(m.k)) {
       device_.ask(m.k);
       publish_gain();

@@ -1,4 +1,4 @@
-// The emulated Cortex-M3 as a process of the set, in the place of twinrate-estimator and twinrate-gain:
+// The emulated Cortex-M3 as a process of the set, instead of twinrate-estimator and twinrate-gain:
 // the bridge between the channels and the link of the processor, in lock-step.
 //
 //   MEASUREMENT(k) -> SAMPLE(k) -> [fast step in the control interrupt] -> Answer(k) -> ESTIMATE(k)
@@ -10,7 +10,8 @@
 
 namespace twinrate {
 
-// Reads the options of every process and runs until the end of the drive. Returns the exit code.
+// Reads the options common to all processes and runs until the end of the drive. Returns the exit
+// code.
 int run_cortex_process(int argc, char** argv, CortexLink link, double period_s);
 
 }  // namespace twinrate

@@ -76,7 +76,7 @@ std::string split(const CortexCounts& c) {
   return text;
 }
 
-// Share of 72 MHz by the middle of the band, %.
+// Processor load at 72 MHz in %, from the middle of the band of cycles.
 double share(const CortexCounts& c, double f_s_Hz, double f_b_Hz) {
   const auto middle = [](const StepCount& s) { return 0.5 * (s.cycles_low + s.cycles_high); };
   return 1e-4 / kClock_MHz *

@@ -1,6 +1,6 @@
-// The firmware's filter on this machine: MEASUREMENT(k) -> ESTIMATE(k), the background right after the
-// fast step. The same templates as on the Cortex-M3, so the same numbers bit for bit, as long as the
-// background there ends within its period.
+// The firmware's filter on this machine: MEASUREMENT(k) -> ESTIMATE(k), with the background right
+// after the fast step. The templates are those of the Cortex-M3, so the numbers are equal bit for
+// bit, as long as the background there ends within its period.
 #pragma once
 #include <cmath>
 
@@ -9,7 +9,7 @@
 
 namespace twinrate {
 
-// What the firmware answers, raw.
+// The answer of the firmware as raw numbers.
 struct FixedEstimate {
   std::int32_t i_alpha = 0, i_beta = 0, omega = 0;
   std::uint32_t theta = 0;

@@ -8,14 +8,14 @@
 
 namespace twinrate {
 
-// Throws BadInput where the drive file asks for what the firmware does not have (another filter,
-// prediction or policy), or where a quantity of the 32-bit variant would not fit its format.
+// Throws BadInput if the drive file asks for a filter, prediction or policy that the firmware does
+// not have, or if a quantity of the 32-bit variant does not fit its format.
 m3::Settings fixed_settings(Config& config);
 
-// The machine as the firmware's constants take it.
+// The machine in the form that the firmware's constants need.
 m3::Machine fixed_machine(Config& config);
 
-// MEASUREMENT as the link carries it.
+// MEASUREMENT as a SAMPLE of the link.
 twp_sample sample_of(const Measurement& m);
 
 }  // namespace twinrate

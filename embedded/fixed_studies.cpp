@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kRamp_rad_s2 = 16000;
 
-// As `sweep fb` has them: switched means 0.2 s at speed with n = 1, then n.
+// Settings as in `sweep fb`; switched: 0.2 s at speed with n = 1, then n.
 std::vector<std::string> point(const LimitStudy& study, double f_e_Hz, int n, int seed,
                                double T_s) {
   const double at_speed_s = kTwoPi * f_e_Hz / kRamp_rad_s2;

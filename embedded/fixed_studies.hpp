@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// f_bmin of the fixed-point and of the double filter at one speed, start from standstill at
-// 16000 rad/s2, as `sweep fb`: n upward from 1, up to the first loss with any seed.
+// f_bmin of the fixed-point filter and of the double-precision one at one speed, start from
+// standstill at 16000 rad/s2, as in `sweep fb`: n rises from 1 to the first loss with any seed.
 struct LimitStudy {
   std::string policy = "paper";
   bool switched = false;  // n = 1 until the drive has been at speed for 0.2 s
@@ -20,7 +20,8 @@ struct LimitPair {
 };
 LimitPair find_limits(const std::string& drive, const LimitStudy& study, double f_e_Hz);
 
-// Standstill for `hours`, every operation checked. Throws m3::Wrapped at the first wrap.
+// A run at standstill for `hours` with every operation checked. Throws m3::Wrapped at the first
+// wrap.
 std::string standstill(const std::string& drive, double hours);
 
 }  // namespace twinrate

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Output of a command; throws MachineError where it fails.
+// Output of a command; throws MachineError if it fails.
 std::string output_of(const std::string& command) {
   FILE* pipe = popen((command + " 2>&1").c_str(), "r");
   if (!pipe) throw MachineError("cannot run: " + command);
@@ -39,7 +39,8 @@ std::string first_line(const std::string& text) {
   return text.substr(0, text.find('\n'));
 }
 
-// The samples of 0.2 s of the drive, from standstill to 400 rad/s, and the table of policy scheduled.
+// Writes the samples of the first 0.2 s of the drive, from standstill to 400 rad/s, and the table
+// of policy scheduled.
 void write_inputs(const fs::path& directory) {
   Config config = load_drive("dilys2021", {"rates.n=1", "run.duration_s=0.2"});
   Fixed32 filter(config);
@@ -120,7 +121,7 @@ StepCount combined(const SysTickStep& s, const SysTickStep& empty,
                    const std::vector<Execution>& executions,
                    const std::map<std::uint32_t, Cycles>& classes) {
   const auto calls = static_cast<double>(s.calls);
-  const long harness = empty.least - 1;  // the empty step is one instruction
+  const long harness = empty.least - 1;  // the empty step itself is one instruction
   StepCount step{.name = s.name,
                  .instructions = static_cast<double>(s.sum) / calls - static_cast<double>(harness),
                  .least = static_cast<int>(s.least - harness),

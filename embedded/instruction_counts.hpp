@@ -28,16 +28,17 @@ struct CortexCounts {
   const StepCount& at(const std::string& name) const;  // throws std::out_of_range
 };
 
-// The reason why images or emulator cannot run here, e.g. a missing program; "" if they can.
+// The reason why the images or the emulator cannot run on this machine, for example a missing
+// program; "" if they can.
 std::string why_no_cortex();
 // Directory of the images: build/firmware/cortex_m3.
 std::string cortex_directory();
 
-// Runs both counts. Throws MachineError where the emulator is missing or fails, std::runtime_error
-// where the two counts differ.
+// Runs both counts. Throws MachineError if the emulator is missing or fails, std::runtime_error if
+// the two counts differ.
 CortexCounts count_instructions();
 
-// Low and high cycles of one instruction as objdump prints it, without P of a taken branch.
+// Low and high cycles of one instruction in the syntax of objdump, without the P of a taken branch.
 struct Cycles {
   double low = 0, high = 0;
 };

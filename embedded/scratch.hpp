@@ -1,4 +1,4 @@
-// A directory of its own, removed with what it holds.
+// A temporary directory, removed with its contents.
 #pragma once
 #include <stdlib.h>
 

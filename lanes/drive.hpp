@@ -219,7 +219,8 @@ kernel::Stationary<T> control(const LaneConstants<T>& c, LaneDrive<T>& d,
 }
 
 // docs/conventions.md: angle error and lock, over [k_settle, k_end). Returns the mask of ended
-// lanes; a lane ends at its loss. A diverged or not finite state has no angle in [-pi, pi].
+// lanes; a lane ends when it loses synchronism. The angle error of a diverged or not finite state
+// is outside [-pi, pi] or not a number.
 template <class T>
 typename T::Mask update_figures(LaneDrive<T>& d) {
   const T error = wrap_pi<T>(d.x.theta_e - d.plant.theta_e), magnitude = abs(error);
@@ -227,7 +228,7 @@ typename T::Mask update_figures(LaneDrive<T>& d) {
   d.error_square_sum = select<T>(in_window, d.error_square_sum + error * error, d.error_square_sum);
   d.error_max = select(in_window, max(magnitude, d.error_max), d.error_max);
   const T limit = select(in_window, T(0.5 * std::numbers::pi), T(4));
-  const auto lost = !(magnitude <= limit);  // also where the error is not a number
+  const auto lost = !(magnitude <= limit);  // also true if the error is not a number
   d.lost = select(lost, T(1), T(0));
   d.k += T(1);
   return (d.k >= d.k_end) | lost;

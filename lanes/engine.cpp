@@ -229,7 +229,7 @@ static RunLanes* lanes_of(Isa isa) {
   return all[static_cast<int>(isa)];
 }
 
-// Order by n: the drives of a row then take their snapshots together.
+// Sorts by n, so that the drives of a row take their snapshots together.
 static std::vector<std::size_t> order_of(std::span<const Point> points, Policy policy) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < points.size(); ++i)

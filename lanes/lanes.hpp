@@ -26,7 +26,8 @@ struct Register<1> {
   using Truths = bool;
 };
 
-// x y + z with one rounding. Without the instruction the library computes the same result slowly.
+// x y + z with one rounding. Without the FMA instruction the library computes the same result
+// slowly.
 template <int N>
 typename Register<N>::Numbers fused(typename Register<N>::Numbers x,
                                     typename Register<N>::Numbers y,

@@ -81,8 +81,8 @@ T one_to_two(typename T::Bits b) {
   return T::of_bits((b >> 12) | 0x3ff0000000000000u);
 }
 
-// u = ((b >> 11) + 1) 2^-53 without a conversion: the upper 52 bits, and the last with the one
-// added.
+// u = ((b >> 11) + 1) 2^-53 without a conversion: the upper 52 bits, then the last bit plus the
+// one.
 template <class T>
 T uniform_of(typename T::Bits b) {
   const T upper = one_to_two<T>(b) - (1 + 0x1p-12);

@@ -8,9 +8,10 @@
 // Moments 0, 1, 2: begin, middle, end.
 //
 //   currents  i + b c is a flux whose only source besides u is a b c, a = tau R_s/L. So i is
-//             e^(-a t) (i_0 + b c_0) - b c + (1 - e^(-a t))/a tau u/L + a b int e^(-a (t-s)) c ds,
-//             the integral being that of the polynomial through c and its rate W [-sin, cos] at
-//             0 and 1 (for the end also c at 2), exactly under the exponential: mid_*, end_*
+//             e^(-a t) (i_0 + b c_0) - b c + (1 - e^(-a t))/a tau u/L + a b int e^(-a (t-s)) c ds.
+//             In the integral c is replaced by the polynomial through c and its rate
+//             W [-sin, cos] at 0 and 1 (for the end also c at 2); the exponential is exact:
+//             mid_*, end_*
 //   angle     to 1 by Taylor with W, A, A_d; to 2 by the cubic through A and A_d at 0 and 1; with
 //             A_1 the cubic also gives the corrected W and angle at 1: late_*
 //   speed     integral of the polynomial through A, A_d at 0 and 1 and A at 2

@@ -1,4 +1,4 @@
-// Keeps the lanes busy: the next point replaces a drive that has ended.
+// Keeps the lanes in use: the next point replaces a drive that has ended.
 #pragma once
 #include <atomic>
 

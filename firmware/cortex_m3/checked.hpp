@@ -1,5 +1,5 @@
-// The number types of number.hpp with every operation checked: the first result that does not fit its
-// type throws Wrapped. For the host only.
+// The number types of number.hpp with a check of every operation: the first result that does not
+// fit its type throws Wrapped. For the host only.
 #pragma once
 #include <limits>
 #include <stdexcept>

@@ -15,7 +15,7 @@ struct Machine {
   double u_max;                             // largest |u|, V
   double omega_max = 2500;                  // clamp, electrical rad/s
   double P33_max = 65536;                   // clamp, (rad/s)^2
-  double P44_max = 4;                       // clamp, rad^2: an angle that is not known has pi^2/3
+  double P44_max = 4;                       // clamp, rad^2: an unknown angle has pi^2/3
   double P34_max = 150;                     // clamp, rad^2/s
 };
 
@@ -71,7 +71,7 @@ CovarianceConstants covariance_constants(const Machine& m) {
   return c;
 }
 
-// One quantity and its format; all must fit.
+// One quantity and the limit of its format; every quantity must fit.
 struct Range {
   const char* quantity;
   double bound, fits;

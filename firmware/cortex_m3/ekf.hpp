@@ -1,5 +1,5 @@
-// The sensorless filter of estimator/kernels/ekf_sensorless_kernel.hpp in fixed point, written out by
-// hand: zeros, symmetry and H = [I 0] used. prediction = "euler", covariance = "paper".
+// The sensorless filter of estimator/kernels/ekf_sensorless_kernel.hpp in fixed point, written by
+// hand: it uses the zeros, the symmetry and H = [I 0]. prediction = "euler", covariance = "paper".
 //
 //   i^-       = i - z i + T_s/L u +- b omega_e {sin, cos}                                      (13)
 //   theta_e^- = theta_e + T_s omega_e                                                          (13)
@@ -19,7 +19,7 @@
 
 namespace twinrate::m3 {
 
-// Raw numbers; made by constants.hpp. Plain integers, so that a link can carry them.
+// Raw numbers, computed by constants.hpp. Plain integers, so that a link can carry them.
 struct StepConstants {
   int32_t minus_z, g, T, b;  // Q32 of -T_s R_s/L, T_s/L, omega_e raw to theta_e raw; Q38 of b
   int32_t omega_max;         // raw
@@ -60,7 +60,7 @@ struct Jacobian {
   typename N::Cell g02, g03, g12, g13;
 };
 
-// w / 2^kShift, to the nearest where the format asks for it.
+// w / 2^kShift, rounded to nearest if the format asks for it.
 template <class N, class Q, int kShift>
 TWINRATE_M3_INLINE typename N::Word scaled(typename N::Wide w) {
   if constexpr (Q::kRounds) w = w + typename N::Wide(1 << (kShift - 1));
@@ -80,7 +80,7 @@ TWINRATE_M3_INLINE Word clamped(Word value, Word limit, uint32_t& count) {
   return value;
 }
 
-// The state is that of the Long type of N.
+// The state has the Long type of N.
 template <class L>
 TWINRATE_M3_INLINE State<L> predict(const StepConstants& c, const State<L>& x,
                                     const UnitVector<L>& at, const Pair<L>& u) {
@@ -183,7 +183,7 @@ TWINRATE_M3_INLINE Covariance<N> propagate(const CovarianceConstants& c, const J
           N::cell(f33 + down(times(T, f32)) + W(c.Q[3]))};
 }
 
-// 2^60/d for d in [2^30, 2^31), to 2^-27: a quotient of 16 bits and one Newton step.
+// 2^60/d for d in [2^30, 2^31), accurate to 2^-27: a quotient of 16 bits and one Newton step.
 template <class L>
 TWINRATE_M3_INLINE typename L::Word reciprocal(typename L::Word d) {
   using Word = typename L::Word;

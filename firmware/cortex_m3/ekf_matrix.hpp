@@ -1,6 +1,6 @@
-// The same filter with general matrix procedures, as a program that knows nothing of its zeros writes
-// it: triple loops with a sum of 64 bits an element, transposes, H, I and Q as full matrices. For the
-// comparison of Dilys 2021, Table 2; equal to ekf.hpp up to rounding.
+// The same filter with general matrix procedures, without use of its zeros: triple loops with a
+// 64-bit sum for each element, transposes, H, I and Q as full matrices. For the comparison of Dilys
+// 2021, Table 2; equal to ekf.hpp up to rounding.
 //
 //   F, H Q28   P, Q, R Q20   K, I Q25   S^-1 Q27   x, y, u Q25
 #pragma once

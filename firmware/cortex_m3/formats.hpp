@@ -1,6 +1,7 @@
-// The Q formats of the fixed-point filter, and why no number leaves its format.
+// The Q formats of the fixed-point filter, and the proof that no number leaves its format.
 //
-// A raw number r in Q(f) is r / 2^f. The states have units that make their covariances alike in size:
+// A raw number r in Q(f) is r / 2^f. The units of the states are chosen so that their covariances
+// are similar in size:
 //
 //   current   1 A
 //   speed     2^kSpeedLog2 rad/s                        64 rad/s            (16-bit variant: 128)

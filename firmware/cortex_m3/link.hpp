@@ -1,11 +1,11 @@
 // The frames between the host and the Cortex-M3 in the loop.
 //
-//   host -> processor   Start, raw bytes, then its CRC-32; then one SAMPLE of the protocol a tick
+//   host -> processor   Start as raw bytes with its CRC-32; then one SAMPLE of the protocol a tick
 //                       (currents and voltage, float32); a CLEAR asks for the answer alone, without a
 //                       tick; a HELLO ends the run
-//   processor -> host   Answer, and behind it a NewGain where the background has made one since the
-//                       last answer and Start asks for it: words, little-endian, CRC-32, COBS and a
-//                       zero, as the protocol frames
+//   processor -> host   Answer, followed by a NewGain if Start asks for gains and the background has
+//                       finished one since the last answer: words, little-endian, CRC-32, COBS and a
+//                       zero, like the protocol frames
 //
 // The seq of a SAMPLE is its tick.
 #pragma once
@@ -25,12 +25,12 @@ struct Answer {
   int32_t i_alpha, i_beta, omega;
   uint32_t theta;
   int32_t gain_snapshot;
-  uint32_t preempted;  // ticks that found the background at work
-  uint32_t progress;   // hash of where the background was interrupted, over all those ticks
+  uint32_t preempted;  // ticks that interrupted the background
+  uint32_t progress;   // hash of the addresses at which the background was interrupted
   uint32_t late, bad_frames;
   uint32_t clamped_P33, clamped_P34, clamped_P44, clamped_omega;
 };
-// What the background made of snapshot k, raw.
+// The result of the background for snapshot k, raw.
 struct NewGain {
   int32_t k;
   uint32_t theta;
@@ -55,7 +55,7 @@ inline size_t write_answer(const Answer& answer, const NewGain* gain, uint8_t* w
   return size + 1;
 }
 
-// The bytes before the zero; `gain.k` is -1 where there is none.
+// `wire`: the bytes before the zero. `gain.k` is -1 if the answer has no gain.
 inline bool read_answer(const uint8_t* wire, size_t size, Answer& answer, NewGain& gain) {
   uint8_t raw[kAnswerWire];
   if (size >= kAnswerWire) return false;

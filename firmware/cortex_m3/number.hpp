@@ -1,4 +1,4 @@
-// Number types of the fixed-point filter. The filter is a template over one of them.
+// Number types of the fixed-point filter, which is a template over one of them.
 //
 //   Cell   an element of P, K or F as it is stored
 //   Word   a number in a register
@@ -7,8 +7,8 @@
 //   Plain32   Cell, Word 32 bits, Wide 64 bits        SMULL, SMLAL
 //   Plain16   Cell 16 bits, Word and Wide 32 bits     MUL, MLA
 //
-// checked.hpp has the same two with a check of every operation, for the host. Signed arithmetic that
-// wraps is undefined in C++: formats.hpp shows that it does not happen.
+// checked.hpp has the same two types with a check of every operation, for the host. Signed overflow
+// is undefined in C++: formats.hpp proves that it does not occur.
 // Freestanding: no header but the compiler's own <stdint.h>.
 #pragma once
 #include <stdint.h>
@@ -28,7 +28,7 @@ struct Plain32 {
   static TWINRATE_M3_INLINE Word narrow(Wide w) {
     return static_cast<Word>(w >> kShift);
   }
-  // The low 32 bits of w / 2^kShift: the change of an angle, which is meant modulo one turn.
+  // The low 32 bits of w / 2^kShift: the change of an angle, modulo one turn.
   template <int kShift>
   static TWINRATE_M3_INLINE uint32_t modulo(Wide w) {
     return static_cast<uint32_t>(w >> kShift);

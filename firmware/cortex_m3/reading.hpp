@@ -3,14 +3,15 @@
 //   i_alpha = 2/3 i_a - 1/3 i_b - 1/3 i_c
 //   i_beta  = (i_b - i_c)/sqrt3
 //
-// A reading beyond 63 A or V, or one that is no number, is taken as 63: a converter has an end, too.
+// A reading beyond 63 A or V, or one that is not a number, counts as 63: a converter is limited,
+// too.
 #pragma once
 #include "firmware/cortex_m3/two_rate.hpp"
 #include "firmware/protocol/twinrate_protocol.h"
 
 namespace twinrate::m3 {
 
-// x in Q25, rounded down; of the bits alone, so that no library is needed.
+// x in Q25, rounded down, computed from its bits, so that no library is needed.
 inline int32_t raw_of(float x) {
   union {
     float x;

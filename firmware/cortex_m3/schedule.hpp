@@ -1,7 +1,7 @@
 // Gains that turn with the rotor: policies `rotate` and `scheduled`.
 //
 //   rotate      x = x^- + diag(R(a), I) K R(-a) innov        a: angle turned since the snapshot
-//   scheduled   the same with the steady gain in rotor axes of a table over |omega_e|, a = theta_e
+//   scheduled   the same with a table of the steady gain in rotor axes over |omega_e|, a = theta_e
 //
 // The table has 8 rows an octave from 1 to 4096 rad/s, and one at 0; K is linear between two rows.
 // K(-omega) = diag(1, -1, -1, -1) K(omega) diag(1, -1): the mirror image on the d axis.

@@ -1,4 +1,4 @@
-// The two halves of the filter around ekf.hpp, as the control interrupt and the background run them.
+// The two halves of the filter around ekf.hpp, for the control interrupt and for the background.
 //
 //   fast(k, sample)    at f_s: prediction, correction with the gain planned for tick k; at a snapshot
 //                      it hands the state to the background
@@ -6,8 +6,8 @@
 //
 // The gain of snapshot s is used from tick s + n on and held until the next one (n = 1: the ordinary
 // filter); before tick `from` n is 1. Policies of estimator/two_rate.hpp: paper, rotate, scheduled.
-// A background that is not finished when its gain is due, or when the next snapshot is, is counted in
-// `late`; the old gain is held, the snapshot is left out.
+// If the background has not finished when its gain or the next snapshot is due, that is counted in
+// `late`; the old gain is held, and the snapshot is skipped.
 #pragma once
 #include "firmware/cortex_m3/schedule.hpp"
 
@@ -15,7 +15,7 @@ namespace twinrate::m3 {
 
 enum class Policy : int32_t { kPaper = 0, kRotate = 1, kScheduled = 2 };
 
-// What the host sends before the first tick.
+// Settings that the host sends before the first tick.
 struct Settings {
   StepConstants step;
   CovarianceConstants covariance, covariance16;  // of the two variants
@@ -69,7 +69,7 @@ class TwoRate {
   }
 
   bool background_due() const { return due_; }
-  // A gain that the background has finished and that no tick uses yet, with the covariance after it.
+  // A gain that the background has finished and that no tick uses yet, with its covariance.
   struct Finished {
     const Gain<N>& K;
     const Covariance<N>& P;
@@ -81,8 +81,8 @@ class TwoRate {
     const Slot& slot = slots_[1 - active_];
     return {slot.K, P_, slot.theta, slot.k};
   }
-  // The barriers keep the compiler from moving results across `ready` and `due_`, which the interrupt
-  // reads.
+  // The barriers stop the compiler from moving results across `ready` and `due_`, which the
+  // interrupt reads.
   void background() {
     asm volatile("" ::: "memory");
     Slot& slot = slots_[1 - active_];

@@ -34,7 +34,7 @@ inline int open_file(const char* path, uint32_t mode) {
   const uint32_t block[3] = {reinterpret_cast<uint32_t>(path), mode, length_of(path)};
   return semihosting(kOpen, block);
 }
-// Bytes that were not transferred.
+// Returns the number of bytes that were not transferred.
 inline int read_file(int file, void* to, uint32_t size) {
   const uint32_t block[3] = {static_cast<uint32_t>(file), reinterpret_cast<uint32_t>(to), size};
   return semihosting(kRead, block);
@@ -43,7 +43,7 @@ inline int write_file(int file, const void* from, uint32_t size) {
   const uint32_t block[3] = {static_cast<uint32_t>(file), reinterpret_cast<uint32_t>(from), size};
   return semihosting(kWrite, block);
 }
-// Until all is there; false at the end of the file.
+// Reads until `size` bytes are complete; false at the end of the file.
 inline bool read_all(int file, void* to, uint32_t size) {
   auto* at = static_cast<uint8_t*>(to);
   while (size > 0) {

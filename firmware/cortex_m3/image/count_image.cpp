@@ -1,11 +1,11 @@
-// Counts the instructions of each step of the filter by SysTick, which runs exactly with the
+// Counts the instructions of each step of the filter with SysTick, which counts exactly with the
 // instructions under qemu -icount. Reads settings.bin (Settings, a count, samples), runs the filter
 // over the samples, and measures every step at the last ticks. Writes counts.txt:
 //
 //   mark measure_begin ADDRESS measure_end ADDRESS
 //   step NAME ADDRESS CALLS SUM LEAST MOST      instructions of a call and its harness
 //
-// An empty step is measured, too: its own instruction and the call are known by it.
+// An empty step is measured, too: it gives the instructions of the harness.
 #include "firmware/cortex_m3/image/board.hpp"
 #include "firmware/cortex_m3/image/count_steps.hpp"
 

@@ -71,7 +71,7 @@ void set_zero(Covariance<N>& P, const CovarianceConstants& c) {
   P.m33 = static_cast<typename N::Cell>(c.P0[3]);
 }
 
-// The gains of the next tick, and what the separate steps read.
+// Computes the gains of the next tick and the inputs of the separate steps.
 template <class N, class Q>
 void advance(VariantContext<N, Q>& v, const State<N32>& x, const UnitVector<N32>& at) {
   v.F = jacobian<N, Q>(v.c, x.omega, at);
@@ -80,7 +80,7 @@ void advance(VariantContext<N, Q>& v, const State<N32>& x, const UnitVector<N32>
   v.P = posterior<N, Q>(v.c, v.P_prior, v.K, v.clamps);
 }
 
-// The matrix filter at the same tick.
+// Copies the same tick to the matrix filter.
 void mirror(StepContext& c) {
   auto& f = c.matrix;
   const Covariance<N32>& P = c.v32.P;

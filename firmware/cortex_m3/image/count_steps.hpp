@@ -1,5 +1,5 @@
-// The steps that count_image.cpp measures, each a function of its own on one context. A step writes
-// its result where no other step reads its inputs from, so that all start from the same tick.
+// The steps that count_image.cpp measures, each a function on one context. No step overwrites an
+// input of another step, so all steps start from the same tick.
 #pragma once
 #include "firmware/cortex_m3/ekf_matrix.hpp"
 #include "firmware/cortex_m3/two_rate.hpp"
@@ -38,13 +38,13 @@ const NamedStep* steps();
 
 // Of matrix_steps.cpp, compiled without and with optimisation.
 struct MatrixSteps {
-  Step load;  // takes the context over; not measured
+  Step load;  // copies the context; not measured
   Step F, P_prior, K, P, x_prior, x;
 };
 extern const MatrixSteps matrix_steps_O0, matrix_steps_O2;
 
 void start(StepContext& c, const Settings& settings);
-// The full filter (n = 1) over one sample; leaves inputs of the next steps behind.
+// Runs the full filter (n = 1) over one sample and leaves the inputs of the next steps.
 void run_tick(StepContext& c, const Sample& sample);
 
 }  // namespace twinrate::m3

@@ -13,7 +13,8 @@ constexpr uint32_t kRing = 256;
 volatile uint8_t ring[kRing];
 volatile uint32_t ring_in, ring_out;
 
-// Sleeps until an interrupt; `ready` is tested with interrupts held, so that none is missed.
+// Sleeps until an interrupt; `ready` is tested with interrupts masked, so that no interrupt is
+// missed.
 template <class Ready>
 void wait_for(Ready ready) {
   for (;;) {

@@ -1,7 +1,8 @@
-// Bytes to and from the host: two FIFOs by semihosting where they are, else UART0.
+// Bytes to and from the host: through two FIFOs by semihosting if they exist, else through UART0.
 //
-// The UART is waited for in WFI: polling its register starves the emulator's main loop. Its interrupts
-// are enabled inside an exchange only, so that they take no instructions from the background.
+// The port waits for the UART in WFI, because polling its register starves the emulator's main
+// loop. The UART's interrupts are enabled only inside an exchange, so that they take no
+// instructions from the background.
 #pragma once
 #include "firmware/cortex_m3/image/board.hpp"
 
@@ -10,11 +11,11 @@ namespace twinrate::m3 {
 class LinkPort {
  public:
   void open();
-  // At least one byte; 0: the host is gone.
+  // Reads at least one byte; 0: the host has ended.
   uint32_t read(uint8_t* to, uint32_t size);
   void write(const uint8_t* from, uint32_t size);
   bool read_exactly(uint8_t* to, uint32_t size);
-  // Around an exchange.
+  // Called before and after an exchange.
   void begin();
   void end();
 

@@ -4,8 +4,8 @@
 //   SysTick   stop the timer; SAMPLE(k) -> fast(k) -> Answer(k); start the timer
 //   main      background(), when a snapshot is due; else sleep
 //
-// The timer stands still while the frames travel, so the background gets the same instructions in
-// every run, however long the host takes.
+// The timer is stopped while frames are transferred, so the background gets the same instructions
+// in every run, however slow the host is.
 #include "firmware/cortex_m3/image/link_port.hpp"
 #include "firmware/cortex_m3/link.hpp"
 #include "firmware/cortex_m3/reading.hpp"
@@ -22,7 +22,7 @@ NewGain gain;
 bool has_gain;
 int32_t last_sent = -1;  // snapshot
 
-// Of SHCSR's neighbours: SysTick below the UART's interrupts, which keep priority 0.
+// SysTick gets a lower priority than the UART's interrupts, which keep priority 0.
 void set_priorities() {
   reg(kSystemPriority15) = 0x80000000u;
 }
@@ -31,7 +31,7 @@ void set_priorities() {
   exit_emulator(code);
 }
 
-// The next whole frame; damaged ones are counted and skipped.
+// Waits for the next whole frame; damaged frames are counted and skipped.
 void receive(twp_frame& frame) {
   static uint8_t wire[TWP_MAX_WIRE];
   static uint32_t size;
@@ -53,7 +53,7 @@ void receive(twp_frame& frame) {
   }
 }
 
-// On entry, before the fast step may take it.
+// Called on entry, before the fast step can use the gain.
 void note_gain() {
   has_gain = false;
   if (!start.sends_gains || !filter.has_finished() || filter.finished().k == last_sent) return;
@@ -93,7 +93,8 @@ void start_timer() {
 
 }  // namespace
 
-// `frame`: what the processor pushed on entry; word 6 is where the background was interrupted.
+// `frame`: registers that the processor pushed on entry; word 6 is the address at which the
+// background was interrupted.
 extern "C" void control(const uint32_t* frame) {
   reg(kSysTickControl) = 0;
   if (filter.background_due()) {
@@ -136,8 +137,8 @@ int main() {
     if (filter.background_due()) {
       filter.background();
     } else {
-      // An interrupt between the test and WFI only delays the background by a period if it is missed:
-      // it is not, since WFI returns at once when one is pending under PRIMASK.
+      // An interrupt between the test and WFI is not missed: WFI returns at once if an interrupt is
+      // pending under PRIMASK. A missed one would delay the background by a period.
       asm volatile("cpsid i" ::: "memory");
       if (!filter.background_due()) asm volatile("wfi" ::: "memory");
       asm volatile("cpsie i" ::: "memory");

@@ -1,5 +1,5 @@
-// The matrix filter's steps; compiled twice, MATRIX_STEPS names the table. The number type of its own
-// keeps the instances of the two objects apart.
+// The matrix filter's steps. The file is compiled twice; MATRIX_STEPS names the table. A number
+// type for each object keeps the template instances of the two objects separate.
 #include "firmware/cortex_m3/image/count_steps.hpp"
 
 namespace twinrate::m3 {
