@@ -85,7 +85,7 @@ Json replies_json(const Steering::Replies& replies) {
   return {{"replies", list}};
 }
 
-// A ghost is laid over the drive tick by tick. 0: not known yet.
+// A ghost is compared with the drive tick by tick, so both need the same rate. 0: not known yet.
 void expect_same_rate(double T_s, double T_s_of_ghost) {
   if (T_s > 0 && T_s_of_ghost > 0 && std::abs(T_s_of_ghost / T_s - 1) > 1e-6)
     throw BadInput(fmt::format("the ghost has f_s = {:g} Hz, the drive {:g} Hz: the same allowed",
@@ -217,7 +217,7 @@ Answer Api::csv(const Query& query) {
           .file_name = "scope.csv"};
 }
 
-// The range as a drive log, traced under the drive file of the recording.
+// Writes the ticks of the range as a drive log and traces it with the drive file of the recording.
 Answer Api::trace(const Json& body) {
   Query query;
   for (const char* key : {"from", "to", "capture"})
@@ -253,7 +253,8 @@ std::int64_t Api::first_trigger(const Recording& run, TriggerSettings settings) 
   return -1;
 }
 
-// From `shift` on, less than a turn further: to the tick at which the ghost's angle is that of tick k.
+// Searches from `shift` on, over less than one turn, the tick at which the ghost's angle is that of
+// tick k.
 static std::int64_t shift_by_angle(Recording& drive, Recording& ghost, std::int64_t k,
                                    std::int64_t shift) {
   std::int64_t found = shift;
@@ -278,10 +279,10 @@ static std::int64_t shift_by_angle(Recording& drive, Recording& ghost, std::int6
   return found;
 }
 
-// The ghost's tick that belongs to tick 0 of the drive. by = start: first ticks; event: first trip,
-// else the first event of the same name `reason`; trigger: the first tick at which the trigger of
-// the page fires in the ghost, on tick k of the drive; angle: as start, and then less than a turn
-// further, to the tick at which the measured angle is that of tick k of the drive.
+// Tick of the ghost that corresponds to tick 0 of the drive. by = start: first ticks; event: first
+// trip, else the first event of the same name `reason`; trigger: the first tick at which the
+// trigger of the page fires in the ghost, on tick k of the drive; angle: the first tick of `start`
+// plus less than a turn, up to the tick at which the measured angle is that of tick k of the drive.
 Answer Api::align(const Query& query) {
   const auto ghost = sources_.find(text_of(query, "ghost"));
   if (!ghost) throw BadInput("ghost: no such run");
@@ -318,7 +319,7 @@ Answer Api::set_trigger(const Json& body) {
   return json_answer(sources_.drive().brief()["trigger"]);
 }
 
-// Control is one page's, and the drive's: another program may have it.
+// At most one page has the control, and another program can have it instead.
 Answer Api::control(const Json& body) {
   if (!live_) throw BadInput("a log cannot be steered");
   const std::string client = text_in(body, "client");
@@ -386,7 +387,8 @@ Api::Stream Api::open_stream(const Query& query) {
   return stream;
 }
 
-// The buckets up to `end` that the page does not have yet. They are aligned to multiples of their length.
+// Adds the buckets up to `end` that the page does not have yet. Their begins are multiples of their
+// length.
 void Api::add_series(Stream& stream, std::int64_t end, Json& frame) {
   Recording& drive = sources_.drive();
   std::int64_t begin = stream.next < 0 ? end : stream.next / stream.bucket * stream.bucket;
@@ -409,7 +411,7 @@ void Api::add_series(Stream& stream, std::int64_t end, Json& frame) {
   add_tail(stream, end, frame);
 }
 
-// The bucket that is not complete yet: a page that shows long buckets moves with the drive all the same.
+// Adds the incomplete last bucket, so that a page with long buckets also moves with the drive.
 void Api::add_tail(const Stream& stream, std::int64_t end, Json& frame) {
   Recording& drive = sources_.drive();
   const std::int64_t reached = drive.complete_k() + 1;
@@ -451,8 +453,9 @@ std::string Api::frame(Stream& stream) {
   return frame.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-// A page that is gone for kHolderGone_s holds the control no more (it closes a stream and opens
-// another one whenever its signals change). Nor does one whose drive gave the control away, or ended.
+// A page loses the control if its stream is gone for kHolderGone_s (a page closes its stream and
+// opens another one whenever its signals change), if the drive gave the control away, or if the
+// drive ended.
 void Api::expire_holder() {
   const bool gone = 1e-6 * static_cast<double>(now_us()) - holder_seen_s_ > kHolderGone_s;
   if (gone || !live_ || live_->holder() != live_->name()) holder_.clear();

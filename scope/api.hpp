@@ -1,4 +1,4 @@
-// The requests of the page, without a socket: a path with parameters in, an answer out.
+// The requests of the page, without a socket: a path with parameters -> an answer.
 //
 //   GET  /api/info                           the drive, the runs, whether it is live
 //   GET  /api/tree                           signals with their newest values, channels, processes
@@ -15,8 +15,8 @@
 //   POST /api/trace                          {from, to, capture}: `twinrate trace` of these ticks
 //   GET  /trace?id=N                         its page
 //
-// `source` (default: the drive of this scope) and `capture` choose what is read. Bad input gets
-// status 400 and one line. Thread-safe.
+// `source` (default: the drive of this scope) and `capture` choose the ticks that are read. Bad
+// input is answered with status 400 and one line. Thread-safe.
 #pragma once
 #include <map>
 #include <mutex>
@@ -32,7 +32,7 @@ namespace twinrate::scope {
 struct Query {
   std::string path;
   std::map<std::string, std::string> parameters;
-  std::string body;  // of a POST
+  std::string body;  // of a POST request
   bool post = false;
 };
 
@@ -40,19 +40,19 @@ struct Answer {
   int status = 200;
   std::string type = "application/json";
   std::string body;
-  std::string file_name;  // to be saved under; "" to be shown
+  std::string file_name;  // the browser saves the body under this name; "": shows it
 };
 
 class Api {
  public:
-  // `live`: null for a log. `title`: what the page shows of the source. Virtual is what the part
-  // `http` calls, which is linked with nothing of this.
+  // `live`: null for a log. `title`: name of the source on the page. The functions that the part
+  // `http` calls are virtual, because that part is not linked with this library.
   Api(Sources& sources, LiveDrive* live, std::string title, Traces& traces);
 
   virtual ~Api() = default;
   virtual Answer answer(const Query& query);
-  // What a page that follows the drive is sent 20 times a second: buckets from `next` on that are
-  // complete; `next` goes on.
+  // State of a page that follows the drive and gets a frame 20 times a second: the complete buckets
+  // from `next` on, after which `next` advances.
   struct Stream {
     std::vector<std::string> signals;
     std::int64_t bucket = 1, next = -1, generation = -1;

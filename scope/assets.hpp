@@ -1,5 +1,5 @@
-// Files that are part of the program: the page, uPlot, and lcmtypes/*.lcm. cmake/embed.cmake writes
-// the table.
+// Files embedded in the program: the page, uPlot, and lcmtypes/*.lcm. cmake/embed.cmake writes the
+// table.
 #pragma once
 #include <span>
 #include <string_view>
@@ -12,7 +12,7 @@ struct Asset {
 };
 
 std::span<const Asset> assets();
-// nullptr where there is no such file.
+// nullptr if there is no such file.
 const Asset* find_asset(std::string_view name);
 
 }  // namespace twinrate::scope

@@ -17,7 +17,7 @@
 #include "scope/assets.hpp"
 #include "scope/server.hpp"
 
-// Last: it brings macros of <resolv.h> that Eigen cannot take.
+// Included last: it defines macros of <resolv.h> that break Eigen.
 #include <httplib.h>
 
 namespace twinrate::scope {
@@ -47,7 +47,7 @@ std::string type_of(std::string_view name) {
   return "text/javascript; charset=utf-8";
 }
 
-// One request on a socket: it has to arrive whole before the deadline.
+// One request on a socket, which must arrive completely before the deadline.
 class SocketStream : public httplib::Stream {
  public:
   SocketStream(socket_t socket, double request_s)
@@ -86,20 +86,20 @@ class SocketStream : public httplib::Stream {
     return ::recv(socket_, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
   }
 
-  // Body, and as much for what goes before it.
+  // Limit of the body, and the same again for the headers before it.
   static constexpr std::size_t kMostRequestBytes = 2 * kMostBodyBytes;
   socket_t socket_;
   std::size_t taken_ = 0;
   Clock::time_point deadline_;
 };
 
-// A request a connection. One for which there is no thread is closed by the thread that accepts.
+// One request a connection. The accepting thread closes a connection for which no thread is free.
 class OneRequestServer : public httplib::Server {
  public:
   std::atomic<std::int64_t> refused = 0;
   double request_s = kRequest_s;
   static thread_local bool no_place;
-  // The library's backlog of 5 would let connections wait that can be refused.
+  // With the library's backlog of 5, connections would wait instead of being refused.
   void lengthen_backlog() { ::listen(svr_sock_, 128); }
 
  private:
@@ -171,7 +171,8 @@ struct HttpServer final : Server::Http {
   void add_stream();
 };
 
-// A page of another site cannot use a name of its own for this address (DNS rebinding).
+// Refuses other host names, so that another site cannot use a name of its own for this address (DNS
+// rebinding).
 void HttpServer::allow_hosts() {
   for (const std::string name : {"127.0.0.1", "localhost", "[::1]"})
     hosts.insert(fmt::format("{}:{}", name, port));
@@ -179,10 +180,10 @@ void HttpServer::allow_hosts() {
     hosts.insert(fmt::format("{}:{}", address, port));
 }
 
-// "" where the request is allowed.
+// "" if the request is allowed.
 std::string HttpServer::refusal(const httplib::Request& request) const {
   const std::string host = request.get_header_value("Host");
-  // On every address of the machine any name of it is allowed: the token protects.
+  // A server on every address of the machine allows any host name: the token protects it.
   if (address != "0.0.0.0" && !hosts.count(host)) return "Host: not an address of this server\n";
   if (request.has_header("Origin") && request.get_header_value("Origin") != "http://" + host)
     return "Origin: only pages of this server may ask\n";
@@ -218,7 +219,8 @@ void HttpServer::add_pages() {
     response.set_content(a.body, a.type);
   };
   http.Get(R"(/api/[a-z]+)", answer);
-  // A page of `twinrate trace` has its scripts in itself; it may ask nothing of this server.
+  // A page of `twinrate trace` contains its scripts and gets a policy of its own: inline scripts
+  // are allowed, requests to this server are not.
   http.Get("/trace", [answer](const httplib::Request& request, httplib::Response& response) {
     answer(request, response);
     response.headers.erase("Content-Security-Policy");
@@ -230,8 +232,8 @@ void HttpServer::add_pages() {
   http.Post(R"(/api/[a-z]+)", answer);
 }
 
-// A frame holds all that came since the frame before: a slow page gets fewer and larger ones, and
-// nothing queues.
+// A frame contains all changes since the last frame: a slow page gets fewer and larger frames, and
+// no queue grows.
 void HttpServer::add_stream() {
   http.Get("/api/stream", [this](const httplib::Request& request, httplib::Response& response) {
     auto stream = std::make_shared<Api::Stream>(api.open_stream(query_of(request)));
@@ -254,7 +256,7 @@ void HttpServer::add_stream() {
 // Limits, headers, refused requests and errors.
 void HttpServer::set_up() {
   http.new_task_queue = [] { return new LimitedPool; };
-  // Not SO_REUSEPORT, the library's default: a port has one server.
+  // SO_REUSEADDR instead of SO_REUSEPORT, the library's default: a port has one server.
   http.set_socket_options([](socket_t socket) {
     const int yes = 1;
     ::setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
@@ -304,7 +306,7 @@ HttpServer::HttpServer(Api& served, const Server::Settings& settings)
   http.lengthen_backlog();
   allow_hosts();
   thread = std::thread([this] { http.listen_after_bind(); });
-  // stop() of a server that does not run yet would be forgotten.
+  // A stop() before the server runs would have no effect.
   while (!http.is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 

@@ -31,8 +31,9 @@ bool is(const request_t& request, RequestKind kind) {
   return request.kind == static_cast<std::int32_t>(kind);
 }
 
-// Where the plant chooses a common tick (core/arbiter.hpp) the others agree first: no answer yet. A
-// change of the model is answered by those that have one, or refused by any.
+// If the plant chooses a common tick (core/arbiter.hpp), the replies of the other processes are no
+// answer yet. A change of the model is answered by each process with a model; a refusal by any
+// process is an answer.
 bool is_answer(const request_t& request, const reply_t& reply) {
   const bool decides =
       reply.role == static_cast<int>(Role::kPlant) || reply.role == static_cast<int>(Role::kBridge);
@@ -59,7 +60,8 @@ LiveDrive::LiveDrive(const BusOptions& options, Recording& recording, TokenOf to
   thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
 
-// A token tags what the page sends; what it shows may come from a set with another one, or with none.
+// A token tags the messages of the page. The displayed messages may come from a set with another
+// token, or without one.
 void LiveDrive::open_bus() {
   options_.authenticate = false;
   auto bus = std::make_unique<Bus>(options_);
@@ -69,13 +71,14 @@ void LiveDrive::open_bus() {
   bus_ = std::move(bus);
 }
 
-// The bus stays open: what waits in its socket would be lost, DRIVE_MANIFEST among it.
+// The bus stays open, because closing it would lose the messages in its socket, DRIVE_MANIFEST
+// among them.
 void LiveDrive::look_for_token() {
   if (!token_of_ || session_ == 0 || token_session_ == session_) return;
   token_session_ = session_;
   try {
     bus_->tag_with(token_of_(session_));
-  } catch (const BadInput&) {  // the run has ended, and its token with it
+  } catch (const BadInput&) {  // the run has ended, and its token is gone
   }
 }
 
@@ -111,14 +114,14 @@ void LiveDrive::hear(Channel channel, const std::uint8_t* bytes, std::size_t siz
     holder_.clear();
   }
   const std::int64_t now_us = wall_us();
-  if (channel != Channel::kRequest) last_heard_us_ = now_us;  // the page's own come back
+  if (channel != Channel::kRequest) last_heard_us_ = now_us;  // not the page's own messages
   heard_ = true;
   if (channel == Channel::kEvent) note_holder(bytes, size);
   const std::int64_t arrival_us = bus_ ? bus_->arrival_us() : 0;
   recording_.take(channel, bytes, size, *header, arrival_us > 0 ? arrival_us : now_us);
 }
 
-// Who has the control, in the words of the arbiter.
+// Notes the holder of the control, as named by the arbiter's event.
 void LiveDrive::note_holder(const std::uint8_t* bytes, std::size_t size) {
   event_t event{};
   if (!decode(event, bytes, size)) return;
@@ -138,7 +141,7 @@ std::string LiveDrive::holder() const {
 
 void LiveDrive::answer(const reply_t& reply) {
   const std::lock_guard lock(mutex_);
-  if (reply.seq == beaten_ && reply.accepted == 0) holder_.clear();  // it was lost
+  if (reply.seq == beaten_ && reply.accepted == 0) holder_.clear();  // the control was lost
   if (reply.seq == beaten_ && reply.accepted != 0) holder_ = name_;
   for (const auto& asked : asked_) {
     if (asked->request.seq != reply.seq || !is_answer(asked->request, reply)) continue;
@@ -152,8 +155,8 @@ void LiveDrive::answer(const reply_t& reply) {
   answered_.notify_all();
 }
 
-// A request is sent again until it is answered: a datagram may be lost, and a process that has it
-// repeats its answer.
+// A request is repeated until it is answered: a datagram can be lost, and a process that already
+// has the request repeats its answer.
 void LiveDrive::send_requests() {
   std::vector<request_t> due;
   {
@@ -190,7 +193,7 @@ Steering::Replies LiveDrive::ask(RequestKind kind, std::size_t wanted, const std
   return asked->replies;
 }
 
-// The page that has the control is there as long as it asks for beats.
+// Sends heartbeats as long as the page with the control asks for them.
 void LiveDrive::send_beat() {
   const double now = steady_s();
   if (now - beat_asked_s_ > 2 * DriveHand::kBeat_s || now - beat_sent_s_ < DriveHand::kBeat_s)
@@ -237,7 +240,7 @@ Steering::Replies LiveDrive::reset() {
 Steering::Replies LiveDrive::add_proposed() {
   return ask(RequestKind::kAddProposed, 1, holder_line());
 }
-// Estimator, gain and controller change their model.
+// Three answers: estimator, gain and controller change their model.
 Steering::Replies LiveDrive::add_effects(const std::string& toml) {
   return ask(RequestKind::kAddEffect, 3, holder_line() + toml);
 }

@@ -3,9 +3,10 @@
 //   every channel -> [LiveDrive] -> Recording
 //   Steering (any thread) -> DRIVE_REQUEST, DRIVE_REPLY -> the caller
 //
-// No reader of the Recording can hold the thread for longer than it takes to reduce one signal; what
-// arrives meanwhile waits in LCM's queue and the socket, and what is lost there is counted as a gap.
-// Follows one session: the first one heard, and another one after kSessionSilent_s of silence.
+// A reader of the Recording blocks the thread at most for the reduction of one signal. Messages
+// that arrive meanwhile wait in LCM's queue and in the socket; messages lost there are counted as
+// gaps. The drive follows one session: the first one heard, and another one after kSessionSilent_s
+// of silence.
 #pragma once
 #include <atomic>
 #include <condition_variable>
@@ -25,10 +26,10 @@ inline constexpr double kSessionSilent_s = 1.0;
 
 class LiveDrive : public Steering {
  public:
-  // The token file of a session, which its requests are tagged with; "" where none is known.
+  // The token file of a session, with which requests are tagged; "" if none is known.
   using TokenOf = std::function<std::string(std::int64_t session)>;
 
-  // Throws MachineError and BadInput as Bus does. `options.session` 0: the first session heard.
+  // Throws the MachineError and BadInput of Bus. `options.session` 0: the first session heard.
   LiveDrive(const BusOptions& options, Recording& recording, TokenOf token_of = {});
   ~LiveDrive() override;
   LiveDrive(const LiveDrive&) = delete;
@@ -38,7 +39,8 @@ class LiveDrive : public Steering {
   bool heard() const { return heard_; }
   std::int64_t session() const { return session_; }
   const std::string& url() const { return url_; }
-  // Who has the control of the drive, as far as it was heard; "": nobody. name(): this scope.
+  // Holder of the control of the drive, as far as its messages were received; "": nobody. name():
+  // this scope.
   std::string holder() const;
   const std::string& name() const { return name_; }
 
@@ -57,7 +59,7 @@ class LiveDrive : public Steering {
  private:
   struct Asked {
     request_t request;
-    std::size_t wanted = 1;  // answers
+    std::size_t wanted = 1;  // number of answers
     Replies replies;
     double asked_s = 0, sent_s = 0;
     bool done = false;
@@ -77,13 +79,13 @@ class LiveDrive : public Steering {
   Recording& recording_;
   BusOptions options_;
   TokenOf token_of_;
-  const std::string name_;          // of the holder of the control: another scope has another one
-  std::int64_t token_session_ = 0;  // the session that the token was looked for
+  const std::string name_;          // name as holder of the control, different for each scope
+  std::int64_t token_session_ = 0;  // the session of the last search for a token
   std::string url_;
   std::unique_ptr<Bus> bus_;
   std::atomic<std::int64_t> session_ = 0, last_heard_us_;
   std::atomic<bool> heard_ = false;
-  std::atomic<double> beat_asked_s_ = -1;  // of beat()
+  std::atomic<double> beat_asked_s_ = -1;  // time of the last beat()
   double beat_sent_s_ = -1;
   mutable std::mutex mutex_;  // of asked_ and holder_
   std::string holder_;

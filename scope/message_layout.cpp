@@ -62,7 +62,7 @@ LayoutField parse_field(const MessageLayout& layout, const std::string& line) {
   field.wire = name;
   field.name = split.name;
   field.unit = readable_unit(split.unit);
-  // One comment for several lines: "phase currents" of i_a, i_b and i_c.
+  // One comment can apply to several lines: "phase currents" of i_a, i_b and i_c.
   if (field.comment.empty() && !layout.fields.empty()) field.comment = layout.fields.back().comment;
   return field;
 }
@@ -74,7 +74,7 @@ std::string short_name_of(Channel channel) {
   return name;
 }
 
-// Takes big-endian numbers from the front; `whole` becomes false at the end of the bytes.
+// Reads big-endian numbers one after the other; `whole` becomes false when the bytes end early.
 struct Bytes {
   const std::uint8_t* at;
   std::size_t left;

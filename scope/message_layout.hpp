@@ -1,10 +1,10 @@
-// The fields of every message, read from lcmtypes/*.lcm: name, unit, comment, and the numbers of an
+// The fields of every message, from lcmtypes/*.lcm: name, unit, comment, and the numbers of an
 // encoded message.
 //
-// The .lcm files are part of the program (cmake/embed.cmake). An encoded message is a fingerprint of
-// 8 bytes and then its fields in the order of the file, big-endian; a text is its length and its
-// bytes with a zero at the end. A message of an earlier layout ends early: its last fields have no
-// value. Not for messages of unknown origin: check them first (core/message_check.hpp).
+// The .lcm files are embedded in the program (cmake/embed.cmake). An encoded message is a
+// fingerprint of 8 bytes followed by its fields in the order of the file, big-endian; a text is its
+// length and its bytes with a zero at the end. A message of an earlier layout is shorter: its last
+// fields have no value. Check messages of unknown origin first (core/message_check.hpp).
 #pragma once
 #include <cstdint>
 #include <functional>
@@ -19,7 +19,7 @@ struct LayoutField {
   enum class Type { kInt32, kInt64, kDouble, kText };
   std::string name;     // without its unit: "omega_m"
   std::string wire;     // as in the message: "omega_m_rad_s"
-  std::string unit;     // "rad/s"; "" where it has none
+  std::string unit;     // "rad/s"; "" if it has none
   std::string comment;  // of the .lcm file
   Type type = Type::kDouble;
   bool array = false;
@@ -33,12 +33,12 @@ struct MessageLayout {
   std::vector<LayoutField> fields;
 };
 
-// Throws std::runtime_error where the text is no message of this project.
+// Throws std::runtime_error if the text is no message of this project.
 MessageLayout parse_layout(Channel channel, const std::string& lcm_text);
-// The layout of a channel's message today.
+// The present layout of a channel's message.
 const MessageLayout& layout_of(Channel channel);
 
-// Calls `number` for each number with the place of its field and of its element.
+// Calls `number` for each number with the index of its field and of its element.
 void read_numbers(const MessageLayout& layout, const std::uint8_t* bytes, std::size_t size,
                   const std::function<void(int field, int element, double value)>& number);
 

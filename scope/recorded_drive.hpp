@@ -1,4 +1,4 @@
-// A recorded drive: the messages of a log, into a Recording.
+// A recorded drive: reads the messages of a log into a Recording.
 #pragma once
 #include <atomic>
 #include <string>
@@ -7,8 +7,8 @@
 
 namespace twinrate::scope {
 
-// `path`: a run directory or a log. Damaged events are skipped; returns what was (EventLog::damage).
-// `share_read` goes from 0 to 1. Throws BadInput where there is no such log.
+// `path`: a run directory or a log. Damaged events are skipped; returns their description
+// (EventLog::damage). `share_read` rises from 0 to 1. Throws BadInput if there is no such log.
 std::string load_log(const std::string& path, Recording& recording,
                      std::atomic<double>* share_read = nullptr);
 

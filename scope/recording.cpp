@@ -58,7 +58,7 @@ void Recording::clear() {
   trigger_.set(trigger_.settings());
 }
 
-// The columns of the derived signals come first, so that they are the same in every recording.
+// The derived signals are added first, so that their columns are the same in every recording.
 void Recording::add_derived_signals() {
   signals_ = {};
   const auto message = [this](Channel channel, const char* wire) {
@@ -159,7 +159,7 @@ void Recording::put(int column, std::int64_t k, double value) {
     begin_capture(k, trigger_cause());
 }
 
-// A drive file that was not heard has no f_s: the time between ticks is that of the messages.
+// Without a drive file f_s is unknown: the control period is taken from the times of the messages.
 void Recording::measure_T_s(const MessageHeader& header) {
   if (drive_.n_p > 0 || header.seq < 0) return;
   if (!first_header_ || header.seq < first_header_->seq) first_header_ = header;
@@ -224,7 +224,7 @@ void Recording::take_event(const std::uint8_t* bytes, std::size_t size) {
   ++events_before_;
 }
 
-// The counts of a process, as signals over the tick that it has reached.
+// Stores the counts of a process as signals, at the tick that the process has reached.
 void Recording::take_status(const std::uint8_t* bytes, std::size_t size) {
   status_t status{};
   if (!decode(status, bytes, size)) {
@@ -272,7 +272,7 @@ void Recording::begin_capture(std::int64_t k, const std::string& cause) {
                      .cause = cause};
 }
 
-// The tick that every channel of the tick has passed. A channel that stopped does not count.
+// The tick that every running channel with a message each tick has passed.
 std::int64_t Recording::passed_k() const {
   std::int64_t passed = store_.last_k();
   for (const WatchedChannel& channel : channels_)
@@ -282,8 +282,7 @@ std::int64_t Recording::passed_k() const {
   return passed;
 }
 
-// The channels with a message every tick that do not have one of each of these ticks, by the column
-// of their seq. A channel that is silent there has none.
+// Columns of the seq of the channels that have messages in this range, but not at every tick.
 std::vector<int> Recording::with_gaps(std::int64_t from, std::int64_t to) {
   std::vector<int> columns;
   for (const WatchedChannel& channel : channels_) {
@@ -300,7 +299,7 @@ void Recording::complete_captures(bool standstill) {
   const std::int64_t from = std::max(pending_->from, store_.first_k()),
                      to = std::min(pending_->to, store_.last_k() + 1);
   const std::vector<int> columns = with_gaps(from, to);
-  // What a repeat overtook may still come.
+  // A late repeat can still fill a gap.
   if (!columns.empty() && !standstill && passed_k() < to - 1 + kLateTicks) return;
   Capture capture = std::move(*pending_);
   pending_.reset();
@@ -450,7 +449,7 @@ bool is_steered(const ScopeEvent& event) {
   return event.reason == reason_name(static_cast<int>(Reason::kSteered));
 }
 
-// Those before tick k in the log of the session, as far as it is written; none where it does not reach k.
+// The requests before tick k in the log of the session; empty if the log does not reach k yet.
 std::optional<std::vector<AppliedSteering>> logged_requests(const std::string& directory,
                                                             std::int64_t session, std::int64_t k) {
   constexpr std::int64_t kMostTicks = 200'000;  // about 0.2 GB

@@ -1,11 +1,11 @@
-// What the scope knows of one drive: the history of its signals, its events, its processes, the
-// trigger and its captures. The same for a live drive and for a log.
+// Everything that the scope stores of one drive: the history of its signals, its events, its
+// processes, the trigger and its captures. The same for a live drive and for a log.
 //
 //   whole messages (core/bus, core/event_log) -> take() -> TickStore, Trigger, events
 //   page -> Api (scope/api.hpp) -> the functions below
 //
-// Thread-safe: take() locks for one message, a reader for as long as it reduces one signal. A capture
-// is complete when every channel that speaks each tick has passed its end, or kSlackTicks later.
+// Thread-safe: take() locks for one message, a reader for the reduction of one signal. A capture is
+// complete when every channel with a message each tick has passed its end, or kSlackTicks later.
 #pragma once
 #include <array>
 #include <deque>
@@ -38,30 +38,31 @@ struct Capture {
   int id = 0;
   std::int64_t trigger_k = 0, from = 0, to = 0;
   std::string cause;         // "estimate.omega_m_rad_s rising 100", "forced"
-  std::int64_t missing = 0;  // ticks of which a message is not in it
+  std::int64_t missing = 0;  // ticks of which it lacks a message
   TickStore ticks{SIZE_MAX};
 };
 
-// Facts of the drive file that the scope uses; 0 and "" where it has none.
+// Values of the drive file that the scope uses; 0 and "" if it has none.
 struct DriveFileFacts {
   std::string name, config_toml;
-  bool imported = false;  // its load was not applied
+  bool imported = false;  // the load of the file was not applied
   double T_s = 0, duration_s = 0;
   int n_p = 0;
   double omega_m_max = 0, load_max_Nm = 0, rated_torque_Nm = 0, i_max_A = 0;  // max: of steering
 };
 
-// Where a reader reads: the history (capture 0) or a capture.
+// Source and range of a reader: the history (capture 0) or a capture.
 struct Span {
   std::int64_t from = 0, to = 0, bucket = 1;
   int capture = 0;
 };
 
 struct Reduced {
-  std::vector<double> min, max;  // of each bucket; kNoValue where it has no value
+  std::vector<double> min, max;  // of each bucket; kNoValue if it has no value
 };
 
-// Whoever waits is next: a thread that locks for message after message does not keep the readers out.
+// A waiting thread gets the lock next: a thread that locks for each message cannot starve the
+// readers.
 class FairMutex {
  public:
   void lock() {
@@ -82,14 +83,14 @@ class Recording {
   // A message that passed is_whole_message(), in order of arrival.
   void take(Channel channel, const std::uint8_t* bytes, std::size_t size,
             const MessageHeader& header, std::int64_t arrival_us);
-  // A drive file for a drive whose DRIVE_MANIFEST was missed. Throws BadInput.
+  // Sets the drive file of a drive whose DRIVE_MANIFEST was missed. Throws BadInput.
   void use_config(const std::string& config_toml, const std::string& source);
-  void restart();                      // another session
+  void restart();                      // for another session
   void note_bus(std::int64_t now_us);  // rates and latencies, as signals; 20 a second
-  void look(std::int64_t now_us);      // completes captures of a drive that stands still
+  void look(std::int64_t now_us);      // completes captures if messages have stopped
 
   Reduced reduce(const std::string& signal, const Span& span) const;
-  // Every stride-th tick.
+  // The value of every stride-th tick.
   std::vector<double> samples(const std::string& signal, const Span& span) const;
   Extent extent(const std::string& signal, const Span& span) const;
 
@@ -100,15 +101,15 @@ class Recording {
   std::int64_t last_k() const;
   std::int64_t complete_k() const;  // every channel of the tick has passed it
 
-  // "k", trigger, captures: small, for every frame.
+  // "k", trigger, captures: a short text for every frame.
   nlohmann::ordered_json brief() const;
   // The tree of signals with the newest values, channels, processes.
   nlohmann::ordered_json tree(std::int64_t now_us) const;
   nlohmann::ordered_json events(std::size_t from) const;
   std::vector<ScopeEvent> event_list() const;
-  // Where the log of the drive is: its begin holds the requests before the first tick that was heard.
+  // Directory of the drive's log, which contains the requests before the first received tick.
   void use_run_directory(const std::string& directory);
-  // The requests that were applied, in their order; none where some may be missing.
+  // The applied requests in order; empty if some may be missing.
   std::optional<std::vector<AppliedSteering>> requests() const;
   DriveFileFacts drive() const;
   std::vector<Signal> signals() const;
@@ -120,7 +121,7 @@ class Recording {
   struct Derived {
     int angle_error, speed_error, u_d, u_q, u_abs, u_limit, i_alpha, i_beta, theta_e;
   };
-  // Columns that the derived signals are computed from.
+  // Columns from which the derived signals are computed.
   struct Inputs {
     int est_theta, est_omega, truth_theta, truth_omega, u_alpha, u_beta, v_dc, i_a, i_b, i_c;
   };
@@ -152,12 +153,12 @@ class Recording {
   TickStore store_;
   DriveFileFacts drive_;
   std::vector<WatchedChannel> channels_;
-  // Messages at times of the last second, for rates that a person can read.
+  // Message counts of the last second with their times, for readable rates.
   std::deque<std::pair<std::int64_t, std::array<std::int64_t, kChannelCount>>> counts_;
   TickTimes tick_times_;
   std::map<int, status_t> processes_;
   std::deque<ScopeEvent> events_;
-  std::size_t events_before_ = 0;  // dropped
+  std::size_t events_before_ = 0;  // events dropped
   std::int64_t heard_from_k_ = -1, session_ = 0;
   std::string run_directory_;
   std::vector<double> newest_;  // by column

@@ -1,4 +1,4 @@
-// What the page is told of a recording.
+// The JSON of a recording for the page.
 #include <cmath>
 #include <nlohmann/json.hpp>
 

@@ -10,7 +10,7 @@ namespace twinrate::scope {
 // "" without the key.
 std::string text_in(const nlohmann::ordered_json& body, const char* key);
 
-// A key that is missing keeps its default. A trigger that runs needs a signal or an event.
+// A missing key keeps its default. A running trigger needs a signal or an event.
 TriggerSettings trigger_settings(const nlohmann::ordered_json& body);
 
 }  // namespace twinrate::scope

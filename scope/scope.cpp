@@ -12,11 +12,11 @@
 namespace twinrate::scope {
 namespace {
 
-// A lock-step set does not wait for the page. About 1 s of an unpaced one: 10 000 ticks of five
-// messages, about 1 KiB each as the kernel counts them.
+// A lock-step set does not wait for the page. The buffer holds about 1 s of an unpaced set: 10 000
+// ticks of five messages, each about 1 KiB in the count of the kernel.
 constexpr int kReceiveBuffer = 32 << 20;
-// Nobody waits for the page: woken by each message, it would take the processor from the drive. A
-// frame of the page is 50 ms.
+// No process waits for the page. If each message woke it, it would take the processor from the
+// drive. A frame of the page is sent every 50 ms.
 constexpr double kDrain_ms = 5;
 
 std::string with_receive_buffer(const std::string& url) {
@@ -42,7 +42,7 @@ Scope::Scope(const ScopeOptions& options)
   if (options.log.empty())
     live_ = std::make_unique<LiveDrive>(bus, *recording_, options.token_of);
   else
-    log_parts(options.log);  // refuses what is no log
+    log_parts(options.log);  // refuses a path that is no log
   sources_ =
       std::make_unique<Sources>(recording_, options.runs_directory, options.memory_mib << 20);
   traces_ = std::make_unique<Traces>(options.program, options.runs_directory);

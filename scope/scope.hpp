@@ -1,6 +1,6 @@
-// A scope as a whole: a live drive or a log, its history, and the server of its page.
+// A complete scope: a live drive or a log, its history, and the server of its page.
 //
-//   Scope scope({.port = 8080});   from here on the page at scope.url() shows the bus
+//   Scope scope({.port = 8080});   from then on the page at scope.url() shows the bus
 #pragma once
 #include <atomic>
 #include <memory>
@@ -14,20 +14,20 @@ namespace twinrate::scope {
 
 struct ScopeOptions {
   std::string log;                      // a run directory or log; "": the bus
-  std::string address = "127.0.0.1";    // beyond it the page needs its token
+  std::string address = "127.0.0.1";    // any other address requires the token
   int port = 8080;                      // 0: any free one
   std::string url, channel_suffix;      // of the bus
   std::string drive_file;               // for a drive whose DRIVE_MANIFEST was missed
-  LiveDrive::TokenOf token_of;          // see there; empty: requests are not tagged
-  std::string runs_directory = "runs";  // of ghosts, and of the traces
-  std::string program;                  // twinrate, for traces of what is shown; "": none
+  LiveDrive::TokenOf token_of;          // LiveDrive::TokenOf; empty: requests are not tagged
+  std::string runs_directory = "runs";  // directory of the ghosts and of the traces
+  std::string program;                  // twinrate, for the traces of the page; "": no traces
   double history_s = 60;
   std::size_t memory_mib = 512;  // of the history, and of each ghost
 };
 
 class Scope {
  public:
-  // Throws BadInput and MachineError. A log is read while the page is already there.
+  // Throws BadInput and MachineError. While a log is read, the page is already available.
   explicit Scope(const ScopeOptions& options);
   ~Scope();
   Scope(const Scope&) = delete;
@@ -38,7 +38,7 @@ class Scope {
   Recording& recording() { return *recording_; }
   LiveDrive* live() { return live_.get(); }
   std::int64_t refused() const { return server_->refused(); }
-  // Of a log: 1 once it is read; then what was damaged in it, or why it cannot be read.
+  // Of a log: 1 once it is read; then its damage, or the reason why it cannot be read.
   double share_read() const { return share_read_; }
   std::string damage() const;
 

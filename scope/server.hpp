@@ -1,9 +1,9 @@
 // HTTP in front of scope::Api: the page's files, /api/, and server-sent events.
 //
-// Who may ask: the Host header has to be an address of this server, an Origin header one of its
-// pages; beyond 127.0.0.1 every request carries the token. Files are those of the program, by name.
-// A connection is one request. More connections than kMostConnections are closed at once; a request
-// has kRequest_s to arrive whole and kMostBodyBytes.
+// Accepted requests: the Host header names an address of this server, an Origin header one of its
+// pages; beyond 127.0.0.1 every request carries the token. Files are found by name among those of
+// the program. A connection is one request. Connections beyond kMostConnections are closed at
+// once; a request must arrive completely within kRequest_s and may have kMostBodyBytes.
 #pragma once
 #include <memory>
 #include <string>
@@ -19,13 +19,13 @@ inline constexpr double kRequest_s = 2, kFramesPerSecond = 25;
 class Server {
  public:
   // `address`: 127.0.0.1, or an address of this machine, then with a token; `port` 0: any. Throws
-  // BadInput where it cannot listen there.
+  // BadInput if it cannot listen there.
   Server(Api& api, const std::string& address, int port, double request_s = kRequest_s);
 
-  // What a browser opens, with the token.
+  // Address for a browser, with the token.
   std::string url() const { return http_->url(); }
   int port() const { return http_->bound_port(); }
-  // For how many requests there was no place.
+  // Number of connections that were refused for lack of a thread.
   std::int64_t refused() const { return http_->refused(); }
 
   // The part `http` (core/load_part.hpp).

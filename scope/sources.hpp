@@ -1,7 +1,7 @@
-// The recordings that the page may read: the drive of this scope, and runs as ghosts behind it.
+// The recordings that the page can read: the drive of this scope, and runs as ghosts beside it.
 //
-// A run is named by its directory below one of the allowed directories, and only by a name of the
-// list: the page cannot name a path.
+// A run is named by its directory below one of the allowed directories. Only names of the list are
+// accepted: the page cannot name a path.
 #pragma once
 #include <map>
 #include <memory>
@@ -15,14 +15,14 @@ namespace twinrate::scope {
 
 class Sources {
  public:
-  // `runs_directory`: its run directories can be ghosts; "" or missing: none. `memory_bytes`: of one
-  // ghost.
+  // `runs_directory`: directory of the run directories that can be ghosts; "" or missing: no
+  // ghosts. `memory_bytes`: limit of one ghost.
   Sources(std::shared_ptr<Recording> drive, std::string runs_directory, std::size_t memory_bytes);
 
-  // Run directories that hold a log, newest first, kMostRuns at most.
+  // Run directories that contain a log, newest first, at most kMostRuns.
   std::vector<std::string> runs() const;
-  // "": the drive of this scope; "run:NAME": a run, loaded at the first call. nullptr: no such.
-  // Throws BadInput where its log cannot be read.
+  // "": the drive of this scope; "run:NAME": a run, which is loaded at the first call. nullptr: no
+  // such run. Throws BadInput if its log cannot be read.
   std::shared_ptr<Recording> find(const std::string& source);
   Recording& drive() { return *drive_; }
 

@@ -10,22 +10,22 @@ struct SteeringReply {
   std::string role;  // the process that answered
   bool accepted = false;
   std::int64_t applied_k = -1;
-  std::string text;  // why not
+  std::string text;  // reason of a refusal
 };
 
 class Steering {
  public:
   virtual ~Steering() = default;
-  // Each waits for the answers of the processes concerned, 1 s at most; empty: no answer.
+  // Each function waits at most 1 s for the answers of the processes concerned; empty: no answer.
   using Replies = std::vector<SteeringReply>;
   // KEY=VALUE lines of core/steering.hpp, from the page that has the control.
   virtual Replies steer(const std::string& lines) = 0;
-  // The control of the drive: no other page or program steers until it is given back. beat() keeps it.
-  // Without a beat it ends after steering.hold_s, and the drive stops on a ramp.
+  // Takes the control of the drive: no other page or program can steer it until it is given back.
+  // beat() keeps it. Without a beat it ends after steering.hold_s, and the drive stops on a ramp.
   virtual Replies take_control() = 0;
   virtual Replies give_control() = 0;
   virtual void beat() = 0;
-  // The speed reference goes to 0 on a ramp, and back to its value before.
+  // stop() takes the speed reference to 0 on a ramp, start() back to its previous value.
   virtual Replies start() = 0;
   virtual Replies stop() = 0;
   virtual Replies emergency_stop() = 0;

@@ -39,7 +39,8 @@ std::string heads(const std::string& first, const std::vector<Column>& columns) 
   return text + "\n";
 }
 
-// What any tick of the range measured; a message has numbers for the rest, too.
+// The signals measured at any tick of the range; a message also has numbers for signals that are
+// not measured.
 int measured_in(const Recording& recording, const Span& span) {
   int bits = 0;
   for (const double value : recording.samples("measurement.signals", span))
@@ -47,8 +48,8 @@ int measured_in(const Recording& recording, const Span& span) {
   return bits;
 }
 
-// The load of the drive file and of the requests. DRIVE_TRUTH would tell of the effects of the plant, too.
-// Empty where requests may have been missed.
+// The load of the drive file and of the requests, because that of DRIVE_TRUTH includes effects of
+// the plant. Empty if requests may be missing.
 std::vector<double> declared_load(const Recording& recording, const Span& span) {
   const DriveFileFacts facts = recording.drive();
   const auto requests = recording.requests();

@@ -7,12 +7,12 @@
 
 namespace twinrate::scope {
 
-// k, t_s and the signals; a value that is not there is empty.
+// k, t_s and the signals; a missing value is empty.
 std::string ticks_csv(const Recording& recording, const std::vector<std::string>& signals,
                       Span span);
-// A drive log (docs/trace-a-log.md) of what was measured there, with the load that was declared for it.
-// The voltage of row k is that of t_k .. t_{k+1}, which is in MEASUREMENT(k + 1). A tick without one
-// of these is left out. Throws BadInput where nothing was measured.
+// A drive log (docs/trace-a-log.md) of the measured signals and the declared load. The voltage of
+// row k is that of t_k .. t_{k+1}, which is in MEASUREMENT(k + 1). A tick without one of these two
+// messages is left out. Throws BadInput if the range has no measurement.
 std::string drive_log_csv(const Recording& recording, Span span);
 
 }  // namespace twinrate::scope

@@ -69,7 +69,7 @@ void TickStore::set(int column, bool dense, std::int64_t k, double value) {
   if (chunks_.size() > max_chunks_) drop_oldest();
 }
 
-// A message that comes again has the same value; another value is rare, and its block counts anew.
+// A repeated message has the same value. Another value is rare; then the block is computed anew.
 void TickStore::set_dense(Column& column, std::size_t tick, double value) {
   double& place = column.values[tick];
   if (place == value) return;
@@ -107,7 +107,7 @@ double TickStore::at(int column, std::int64_t k) const {
   return found->values[static_cast<std::size_t>(at - found->ticks.begin())];
 }
 
-// Of the ticks [from, to) of one chunk: whole blocks by what is known of them.
+// Adds the ticks [from, to) of one chunk: of whole blocks the stored extent, else value by value.
 void TickStore::add_dense(Extent& extent, const Column& column, std::int64_t from,
                           std::int64_t to) {
   for (std::int64_t i = from; i < to;) {

@@ -1,11 +1,11 @@
 // The history of a drive: one column a signal over the tick k, with minima and maxima beside it.
 //
-// The ticks are divided into chunks of kChunkTicks; the oldest chunk goes when there are more than
-// allowed. A column is dense (a value nearly every tick) or sparse. A dense one has the smallest, the
-// largest, the sum and the sum of squares of each block of kBlockTicks, so that a minute of a fast
-// drive is reduced to the pixels of a plot without reading every tick. Chunks are shared: a capture
-// is a copy of the table of chunks, and keeps them when the ring drops them. Memory: 8.6 bytes a tick
-// and dense column.
+// The ticks are divided into chunks of kChunkTicks; if there are more chunks than allowed, the
+// oldest one is dropped. A column is dense (a value nearly every tick) or sparse. A dense column
+// stores the smallest, the largest, the sum and the sum of squares of each block of kBlockTicks, so
+// that a minute of a fast drive is reduced to the pixels of a plot without reading every tick.
+// Chunks are shared: a capture copies the table of chunks, and keeps chunks that the ring drops.
+// Memory: 8.6 bytes a tick and dense column.
 //
 // Not thread-safe; scope::Recording locks.
 #pragma once
@@ -21,7 +21,7 @@ namespace twinrate::scope {
 inline constexpr std::int64_t kChunkTicks = 4096, kBlockTicks = 64;
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
 
-// What is known of a run of ticks of one column.
+// Statistics of one column over a range of ticks.
 struct Extent {
   double min = std::numeric_limits<double>::infinity();
   double max = -std::numeric_limits<double>::infinity();
@@ -37,23 +37,23 @@ class TickStore {
  public:
   explicit TickStore(std::size_t max_chunks) : max_chunks_(max_chunks) {}
 
-  // A value that is not finite counts as none. Ticks older than the history are ignored.
+  // A value that is not finite counts as missing. Ticks older than the history are ignored.
   void set(int column, bool dense, std::int64_t k, double value);
-  double at(int column, std::int64_t k) const;  // kNoValue where there is none
+  double at(int column, std::int64_t k) const;                          // kNoValue if there is none
   Extent extent(int column, std::int64_t from, std::int64_t to) const;  // of the ticks [from, to)
 
   bool empty() const { return chunks_.empty(); }
   std::int64_t first_k() const { return first_k_; }
   std::int64_t last_k() const { return last_k_; }  // -1: none
   std::int64_t dropped_ticks() const { return dropped_chunks_ * kChunkTicks; }
-  // The chunks that hold the ticks [from, to), shared with this store.
+  // The chunks that contain the ticks [from, to), shared with this store.
   TickStore part(std::int64_t from, std::int64_t to) const;
 
  private:
   struct Column {
     std::vector<double> values;        // dense: kChunkTicks of them
     std::vector<Extent> blocks;        // dense
-    std::vector<std::uint16_t> ticks;  // sparse: where the values belong, ascending
+    std::vector<std::uint16_t> ticks;  // sparse: ticks of the values, ascending
   };
   struct Chunk {
     std::vector<std::unique_ptr<Column>> columns;
@@ -68,7 +68,7 @@ class TickStore {
 
   std::size_t max_chunks_;
   std::map<std::int64_t, std::shared_ptr<Chunk>> chunks_;  // by k / kChunkTicks
-  std::int64_t written_ = -1;                              // the chunk written last, looked up once
+  std::int64_t written_ = -1;                              // chunk of the last write, cached
   std::shared_ptr<Chunk> writing_;
   std::int64_t first_k_ = -1, last_k_ = -1, dropped_chunks_ = 0;
 };

@@ -50,7 +50,7 @@ std::string small_page(const std::string& title, const std::string& text, bool a
       escaped(text));
 }
 
-// The directory of the next trace, made here.
+// Creates the directory of the next trace.
 fs::path new_directory(const fs::path& parent) {
   std::error_code error;
   fs::create_directories(parent, error);
@@ -61,7 +61,7 @@ fs::path new_directory(const fs::path& parent) {
   throw BadInput(parent.string() + ": no directory can be made there");
 }
 
-// `twinrate trace` with its output in a file. After the fork only calls that are safe there.
+// Starts `twinrate trace` with its output in a file. After the fork only calls that are safe there.
 pid_t start_trace(const std::string& program, const fs::path& directory) {
   const std::string drive = directory / "drive.toml", data = directory / "drive-log.csv",
                     result = directory / "result", out = directory / "trace.txt";

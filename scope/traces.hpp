@@ -1,5 +1,5 @@
-// Traces of what the page shows: each is a process `twinrate trace` of its own with lowered priority,
-// and a directory of its own, trace-1, trace-2, .. One at a time.
+// Traces of the displayed ticks, one at a time. Each is a separate process `twinrate trace` with
+// lowered priority, and has its own directory: trace-1, trace-2, ..
 #pragma once
 #include <sys/types.h>
 
@@ -12,23 +12,23 @@ namespace twinrate::scope {
 
 class Traces {
  public:
-  // `program`: twinrate; `directory`: gets the directories of the traces. "": there are none.
+  // `program`: twinrate; `directory`: parent of the directories of the traces. "": no traces.
   Traces(std::string program, std::string directory);
-  ~Traces();  // ends the one that runs
+  ~Traces();  // ends a running trace
   Traces(const Traces&) = delete;
   Traces& operator=(const Traces&) = delete;
 
   struct State {
     std::string directory, what;  // "dilys2021, 1.2 to 3.4 s"
     bool running = false;
-    int exit_code = -1;  // 128 + signal where a signal ended it
+    int exit_code = -1;  // 128 + signal if a signal ended it
     bool has_page() const { return !running && (exit_code == 0 || exit_code == 2); }
   };
-  // Of a drive log CSV under a drive file. Throws BadInput while another one runs, and where the
+  // Traces a drive log CSV with a drive file. Throws BadInput if a trace is running, or if the
   // directory cannot be written.
   int start(const std::string& drive_toml, const std::string& csv, const std::string& what);
   std::optional<State> state(int id);
-  // The page of the trace, or one that says how far it is and comes again. Throws BadInput where
+  // The page of the trace, or a page with its progress that reloads itself. Throws BadInput if
   // there is no such trace.
   std::string page(int id);
 

@@ -1,9 +1,9 @@
-// The trigger: watches one signal or the events, tick by tick, and says at which tick it fired.
+// The trigger: watches one signal or the events tick by tick and finds the tick at which it fires.
 //
 //   rising:   armed once the signal is below level - hysteresis, fires at the first tick >= level
 //   falling:  armed once it is above level + hysteresis, fires at the first tick <= level
 //   change:   fires at the first tick whose value differs from that of the tick before, after
-//             kSteadyTicks equal ones (a step, or the begin of a ramp, of a reference)
+//             kSteadyTicks equal ones (a step, or the start of a ramp, of a reference)
 //
 // After a capture of length_ticks the trigger waits for holdoff_ticks more. Mode `single` fires once.
 // Mode `automatic` also fires by itself after automatic_ticks without a trigger.
@@ -22,13 +22,13 @@ inline constexpr std::int64_t kSteadyTicks = 16;
 
 struct TriggerSettings {
   TriggerMode mode = TriggerMode::kStop;
-  std::string signal;  // a name of the SignalTable, or "" where an event is the source
-  std::string event;   // a name of kReasons, "trip" or "any"; "" where a signal is the source
+  std::string signal;  // a name of the SignalTable; "" if an event is the source
+  std::string event;   // a name of kReasons, "trip" or "any"; "" if a signal is the source
   Edge edge = Edge::kRising;
   double level = 0, hysteresis = 0;
-  double pre_share = 0.5;  // of the capture that lies before the trigger, 0 to 1
+  double pre_share = 0.5;  // part of the capture before the trigger, 0 to 1
   std::int64_t length_ticks = 1000, holdoff_ticks = 0;
-  std::int64_t automatic_ticks = 5000;  // mode auto: at the latest after so many ticks
+  std::int64_t automatic_ticks = 5000;  // mode auto: fires after this many ticks at the latest
 };
 
 class Trigger {
