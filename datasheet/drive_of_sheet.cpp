@@ -14,15 +14,18 @@
 namespace twinrate {
 namespace {
 
-// Control rates of lab inverters, the lowest that fits: samples a turn at the rated speed, and ticks
-// in the electrical time constant L/R_s.
+// Control rates of lab inverters. The lowest rate with this many samples an electrical turn at the
+// rated speed and ticks in the time constant L/R_s is used, else the last one.
 constexpr double kRates_Hz[] = {10e3, 20e3, 40e3};
 constexpr double kSamplesATurn = 20, kTicksATimeConstant = 2;
-// Of the first run: speed and load of the ratings, torque that accelerates, times.
+// First run, relative to: the rated speed, the speed whose EMF is u_max, the rated torque (load,
+// acceleration).
 constexpr double kSpeedShare = 0.5, kVoltageShare = 0.7, kLoadShare = 0.3, kAccelerationShare = 0.3;
-// Noise of a phase-current sample, rms, of the rated current: the presets have 0.1 to 1.6 %.
+// Noise of a phase-current sample, rms, relative to the rated current: the presets have 0.1 to
+// 1.6 %.
 constexpr double kNoiseShare = 0.005;
-// A slip in the inertia makes it longer; the run stays one that a drive file can hold.
+// A wrong inertia can make the ramp longer; this limit keeps the run within the range of a drive
+// file.
 constexpr double kLongestRamp_s = 1000;
 constexpr double kSettle_s = 0.5, kLoaded_s = 0.5, kLoadRise_s = 0.2;
 
@@ -88,8 +91,8 @@ std::string machine_table(const MachineParameters& m) {
                      m.i_rated, m.T_rated, m.omega_m_rated);
 }
 
-// With an encoder the controller uses its angle; without one the drive starts by alignment.
-// `bandwidths`: of foc; empty: those of scaled_tuning.
+// With an encoder the controller uses its angle; without one the drive starts with an alignment.
+// `bandwidths`: those of foc; empty: those of scaled_tuning.
 std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s,
                     const std::string& bandwidths) {
   const FirstRun run = first_run(s);

@@ -1,4 +1,4 @@
-// A drive file from data-sheet values: the machine, and rates and a first run that fit it.
+// A drive file from data-sheet values: the machine, and rates and a first run that suit it.
 #pragma once
 #include <string>
 #include <vector>
@@ -14,7 +14,7 @@ struct DriveOfSheet {
   std::vector<std::string> warnings;  // of check_by_trial()
 };
 
-// Throws BadInput as machine_of_sheet(), and where the drive file would not run.
+// Throws the BadInput of machine_of_sheet(), and BadInput if the drive file would not run.
 DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet);
 
 }  // namespace twinrate

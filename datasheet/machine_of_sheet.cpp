@@ -16,11 +16,12 @@ constexpr double kSqrt2 = std::numbers::sqrt2, kSqrt3 = std::numbers::sqrt3;
 constexpr double kEqual = 1e-6;  // relative: one value in two units
 // Data sheets give the constants with two or three digits, and tolerances of 5 to 10 %.
 constexpr double kTolerance = 0.1;
-// Both constants of one measurement differ by their digits alone.
+// If both constants come from one measurement, they differ only by rounding.
 constexpr double kBlockTolerance = 0.03;
-// A mechanical time constant has R_s and K_t^2 in it, each within their tolerance, K_t at times warm.
+// A mechanical time constant depends on R_s and K_t^2, each with its tolerance; K_t is sometimes
+// that of a warm motor.
 constexpr double kTimeTolerance = 1.35;
-// Sheets do not give the friction. Bearings and air take about this share of the rated torque.
+// Sheets do not give the friction. Bearings and air cause about this share of the rated torque.
 constexpr double kFrictionShare = 0.01;
 
 constexpr const char* kNoInertia =
@@ -90,7 +91,7 @@ class Conversion {
     result_.conversions.push_back(fmt::format("{} = {:.5g}: {}", key, value, from));
   }
 
-  // A value that a sheet gives in one of several units; in two, they must agree.
+  // A value that a sheet gives in one of several units; values in two units must agree.
   double of_units(const char* key, std::initializer_list<Unit> units) {
     const Unit* given = nullptr;
     std::string keys;
@@ -182,7 +183,8 @@ class Conversion {
     double psi_f;
     std::string from;
   };
-  // Of every constant of the sheet, the EMF constants first: they are measured without a load.
+  // The flux linkage from every constant of the sheet, the EMF constants first: they are measured
+  // without a load.
   std::vector<Flux> fluxes() {
     const double n_p = result_.machine.n_p;
     std::vector<Flux> list;
@@ -209,7 +211,7 @@ class Conversion {
     }
     return list;
   }
-  // Sheets of brushless DC motors give K_t of the direct current: K_t K_v = 30/pi.
+  // Sheets of brushless DC motors give K_t per ampere of direct current: K_t K_v = 30/pi.
   std::string block_hint(double psi_f) const {
     const auto kt = sheet_["kt_Nm_A"];
     if (!kt) return "";
@@ -251,7 +253,7 @@ class Conversion {
     if (const auto rpm = sheet_["rated_speed_rpm"]) {
       m.omega_m_rated = *rpm * kRadPerRpm;
       say("omega_m_rated_rad_s", m.omega_m_rated, fmt::format("{:g} rpm", *rpm));
-    } else {  // as model/per_unit.hpp
+    } else {  // as in model/per_unit.hpp
       m.omega_m_rated = 0.6 * v_dc / kSqrt3 / m.psi_f / m.n_p;
       result_.assumed.push_back(
           fmt::format("rated speed {:.4g} rpm: its EMF is 60 % of what v_dc allows",

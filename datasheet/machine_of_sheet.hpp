@@ -16,8 +16,8 @@
 //   torque                 T   = K_t I = sqrt(3) n_p psi_f I     the power of the EMF between lines
 //   loss                   2 R_s I^2 = 3/2 R_s i^2               i = 2/sqrt(3) I
 //
-// Mechanical time constant, which some sheets print: tau_m = J R_s/(3/2 n_p^2 psi_f^2). It has R_s,
-// J and psi_f in it, so it shows a resistance that is given line to line.
+// Mechanical time constant, which some sheets print: tau_m = J R_s/(3/2 n_p^2 psi_f^2). It depends
+// on R_s, J and psi_f, so it reveals a resistance that is given line to line.
 #pragma once
 #include <string>
 #include <vector>
@@ -35,11 +35,11 @@ struct MachineOfSheet {
   double v_dc = 0;                       // V
   int encoder_counts = 0;                // 0: no encoder
   std::vector<std::string> conversions;  // one line each
-  std::vector<std::string> assumed;      // what the sheet does not say
+  std::vector<std::string> assumed;      // values that the sheet does not give
   std::vector<std::string> doubts;       // values of the sheet that contradict each other
 };
 
-// Throws BadInput where the sheet lacks a value or gives two that exclude each other.
+// Throws BadInput if the sheet lacks a value or gives two that contradict each other.
 MachineOfSheet machine_of_sheet(const Sheet& sheet);
 
 }  // namespace twinrate

@@ -14,8 +14,8 @@
 namespace twinrate {
 namespace {
 
-// The beginning of one key, or the same quantity in another unit: a sheet says "rated current" or "R",
-// "kt_ozin_A" or "inertia_ozins2".
+// True if a name is the beginning of a key, or the same quantity in another unit: "rated current"
+// or "R", "kt_ozin_A" or "inertia_ozins2" in a sheet.
 bool is_near(const std::string& name, const std::string& key) {
   const std::string quantity = name.substr(0, name.rfind('_'));
   if (key.rfind(name, 0) == 0 || key.rfind(quantity + "_", 0) == 0) return true;
@@ -25,7 +25,7 @@ bool is_near(const std::string& name, const std::string& key) {
   return key.rfind(name.substr(0, word + 1), 0) == 0 && key.find("convention") == std::string::npos;
 }
 
-// Units of a sheet beside the one in the key's name: so many of that one.
+// Other units of a sheet than the one in the key's name; `factor`: their size in that unit.
 struct OtherUnit {
   const char* name;
   double factor;
@@ -98,7 +98,7 @@ std::string plain_unit(std::string text) {
   return unit;
 }
 
-// Of the key's unit, how many are one `text`; none if it is no unit of the key.
+// Size of the unit `text` in the unit of the key; empty if it is no unit of the key.
 std::optional<double> factor_of(const std::string& key, const std::string& text) {
   std::string unit = plain_unit(text);
   if (key == "kt_Nm_A") {
@@ -135,7 +135,7 @@ struct Number {
   std::string said;  // the conversion; empty without a unit
 };
 
-// A number, perhaps with a unit behind it.
+// A number, optionally followed by a unit.
 Number number_of(const SheetKey& key, const std::string& text) {
   double value = 0;
   const char* end = text.data() + text.size();
@@ -179,7 +179,7 @@ std::string question(const SheetKey& key) {
   return fmt::format("{} ({}; {}): ", key.key, key.meaning, fmt::join(key.choices, ", "));
 }
 
-// One value in two units, or of two conventions: whoever gave one is not asked for the other.
+// Two units or two conventions of one value: if the first is given, ask() leaves the second out.
 constexpr const char* kInstead[][2] = {{"poles", "n_p"},
                                        {"r_ll_Ohm", "r_phase_Ohm"},
                                        {"l_ll_H", "l_phase_H"},

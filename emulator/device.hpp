@@ -1,10 +1,10 @@
-// A simulated drive that speaks a device protocol, tick by tick; no I/O and no clock.
+// A simulated drive with a device protocol, tick by tick, without I/O and clock.
 //
-//   take(bytes)   has arrived from the host
-//   tick()        at t_k: the sample of t_k goes out, the command in force is chosen, the drive
-//                 goes on to t_{k+1}
+//   take(bytes)   bytes have arrived from the host
+//   tick()        at t_k: sends the sample of t_k, chooses the command in force, and advances the
+//                 drive to t_{k+1}
 //
-// In lock-step (on the host's request) tick() waits for the command of the sample before.
+// In lock-step (on the host's request) tick() waits for the command that answers the last sample.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -20,7 +20,7 @@
 namespace twinrate {
 
 struct DeviceFaults {
-  bool keeps_last = false;  // neither lease nor off: a drive that keeps its last command
+  bool keeps_last = false;  // ignores lease and off: a drive that keeps its last command
   double reset_at_s = 1e9;  // restarts once
 };
 
@@ -30,7 +30,7 @@ struct DeviceOptions {
   double T_s = 0, lease_max_s = 0.02;
   int delay = 1, moteus_id = 1;
   MoteusListen moteus_listen = MoteusListen::kPoll;
-  bool takes_voltage = true;  // else duties alone
+  bool takes_voltage = true;  // else only duties
   DeviceFaults faults;
 };
 
@@ -39,17 +39,17 @@ class EmulatedDevice {
   using Bytes = std::vector<std::uint8_t>;
   virtual ~EmulatedDevice() = default;
   virtual void take(std::span<const std::uint8_t> bytes) = 0;
-  // What is sent since the last call, one entry a frame.
+  // The bytes sent since the last call, one entry a frame.
   std::vector<Bytes> take_sent() { return std::exchange(sent_, {}); }
-  // Lock-step: the command of the last sample has not come.
+  // Lock-step: the command that answers the last sample has not arrived.
   virtual bool waits() const { return false; }
-  // The drive sends without being asked.
+  // True if the drive sends without a request of the host.
   virtual bool speaks_first() const { return false; }
   virtual bool lockstep() const { return false; }
   virtual void tick() = 0;
-  // Lock-step and quiet: the last sample goes out again.
+  // Lock-step, if no command arrives: sends the last sample again.
   virtual void repeat() {}
-  // What came of the host's frames, in one line, for the end.
+  // One line about the host's frames, for the end of the run.
   virtual std::string account() const { return {}; }
   std::int64_t k() const { return k_; }
 

@@ -14,8 +14,8 @@ void PlantDrive::switch_off(Reason reason) {
   if (latched_ == Reason::kNone) latched_ = reason;
 }
 
-// The plant gets a command for every tick while one is in force: how long that is the lease of the
-// device decides, not the plant.
+// The plant gets a command at every tick while one is in force. The lease of the device limits that
+// time, not the plant.
 void PlantDrive::advance(const Command* command) {
   const std::int64_t due = plant_.k() - delay_;
   const bool off = off_ || latched_ != Reason::kNone;
@@ -30,7 +30,7 @@ void PlantDrive::advance(const Command* command) {
     if (event.to == DriveState::kSafe && event.reason != Reason::kSafeRequested)
       latched_ = event.reason;
   }
-  // Safe mode that the host asked for is not latched: the next command ends it.
+  // Safe mode on request of the host is not latched: the next command ends it.
   if (latched_ == Reason::kNone && (off_ || plant_.tripped())) {
     plant_.reset();
     off_ = false;

@@ -1,9 +1,8 @@
-// The drive behind an emulated device: what it measures, tick by tick, and what it does with a
-// command.
+// The drive behind an emulated device: gives measurements tick by tick, and applies commands.
 //
 //   PlantDrive       the simulated plant, for a host that closes the loop
 //   OwnControlDrive  the whole closed loop, for a host that listens
-//   RecordedDrive    rows of a measured file, at the drive's own pace
+//   RecordedDrive    rows of a measured file, at the ticks of its control rate
 #pragma once
 #include <memory>
 #include <optional>
@@ -20,20 +19,20 @@ namespace twinrate {
 class EmulatedDrive {
  public:
   virtual ~EmulatedDrive() = default;
-  // At t_k; null: nothing is sampled at this tick.
+  // The measurement at t_k; null: nothing is sampled at this tick.
   virtual const Measurement* sample() const = 0;
-  // From t_k to t_{k+1} under this command; null: none is in force.
+  // Advances from t_k to t_{k+1} with this command; null: none is in force.
   virtual void advance(const Command* command) = 0;
-  // The drive's time is over.
+  // True after the last tick of the drive.
   virtual bool ended() const { return false; }
   virtual bool takes_commands() const { return false; }
 
-  // Outputs off from the next advance() on; a reason latches it.
+  // Switches the outputs off from the next advance() on; a reason latches that.
   virtual void switch_off(Reason) {}
   // Latched by the drive itself or by switch_off(); kNone: not.
   virtual Reason latched() const { return Reason::kNone; }
   virtual DriveState state() const { return DriveState::kRun; }
-  // Leaves the latched state; false where its cause is still there.
+  // Leaves the latched state; false if its cause persists.
   virtual bool clear() { return false; }
 };
 
@@ -57,7 +56,7 @@ class PlantDrive final : public EmulatedDrive {
   Plant plant_;
   int delay_;
   Reason latched_ = Reason::kNone;
-  bool off_ = false;  // asked for, not latched
+  bool off_ = false;  // requested, not latched
 };
 
 class OwnControlDrive final : public EmulatedDrive {

@@ -2,8 +2,8 @@
 //
 //   host -> [line, faults] -> device -> drive -> device -> [line, faults] -> host
 //
-// The drive begins with the first frame of a host. It keeps its own pace, or waits for each command
-// where the host asks for lock-step.
+// The drive starts with the first frame of a host. It keeps its own pace, or waits for each command
+// if the host asks for lock-step.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/prctl.h>
@@ -95,12 +95,12 @@ class Emulator {
             .moteus_listen = bridge.moteus_listen,
             .faults = faults_.device};
   }
-  // The drive's time begins when the first frame has arrived.
+  // The time of the drive starts when the first frame has arrived.
   void hear(std::span<const std::uint8_t> bytes) {
     if (!std::exchange(heard_, true) && !greeted_) begun_ns_ = now_ns();
     down_.send(bytes, now_ns() - begun_ns_);
   }
-  // Until the next tick or the next arrival on one of the lines.
+  // Time until the next tick or the next arrival on one of the lines.
   double wait_ms() const {
     if (!greeted_ && !heard_) return 50;
     const std::int64_t now = now_ns() - begun_ns_;
@@ -116,7 +116,7 @@ class Emulator {
   }
   void tick_until(std::int64_t now) {
     const bool waits = device_->lockstep();
-    if (lockstep_ && !waits) {  // a new host sets another pace
+    if (lockstep_ && !waits) {  // a new host can choose another pace
       paced_from_k_ = device_->k();
       paced_from_ns_ = now;
     }
@@ -171,7 +171,7 @@ void add_options(CLI::App& app, EmulatorOptions& o) {
       ->allow_extra_args(false);
 }
 
-// The faults of the device itself are those of the twinrate protocol's.
+// Faults of the device itself exist in the twinrate protocol only.
 void expect_faults_that_act(const EmulatorOptions& o, Config& config) {
   if (config.read<BridgeParameters>().protocol == DriveProtocol::kTwinrate) return;
   for (const std::string& fault : o.faults)
@@ -206,7 +206,7 @@ int parse_and_emulate(int argc, char** argv) {
   };
   app.add_flag_callback("--man-page", print_man_page, "print the man page")->group("");
   catch_stop_signals();
-  prctl(PR_SET_TIMERSLACK, 1);  // ns: the drive answers when it is due, not up to 50 us later
+  prctl(PR_SET_TIMERSLACK, 1);  // ns: the drive answers in time instead of up to 50 us later
   try {
     expect_utf8(argc, argv);
     app.parse(argc, argv);

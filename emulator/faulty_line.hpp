@@ -1,11 +1,12 @@
-// One direction of a line between drive and host, with faults. Time is the caller's, in ns: nothing
-// here reads a clock, and equal seeds give equal faults.
+// One direction of a line between drive and host, with faults. The caller gives the time in ns: no
+// function reads a clock, and equal seeds give equal faults.
 //
-//   wire time   10 bits a byte at `baud`; a frame waits until the one before it has left, in a buffer
-//               of kBuffer bytes (as that of a serial port of Linux); one that does not fit is lost
+//   wire time   10 bits a byte at `baud`; a frame waits until the previous frame has left, in a
+//               buffer of kBuffer bytes (like a serial port of Linux); a frame that does not fit is
+//               lost
 //   latency     constant, and jitter uniform in 0 .. jitter; a byte line keeps its order
-//   reordered   a frame waits for the next one (datagrams)
-//   pulled      nothing passes from pulled_at on, for pulled_for
+//   reordered   a frame is delivered after the next one (datagrams)
+//   pulled      no frame passes from pulled_at on, for pulled_for
 #pragma once
 #include <cstdint>
 #include <deque>
@@ -20,9 +21,9 @@ struct LineFaults {
   double lost = 0, doubled = 0, reordered = 0;  // shares of the frames
   double latency_s = 0, jitter_s = 0;
   double pulled_at_s = 1e9, pulled_for_s = 1e9;
-  double from_s = 0;   // the shares above begin here
+  double from_s = 0;   // start of the shares above
   int baud = 0;        // 0: no wire time
-  bool waits = false;  // the sender waits for room in the buffer: nothing is lost there
+  bool waits = false;  // the sender waits for room in the buffer: no frame is lost there
 };
 
 class FaultyLine {
@@ -33,13 +34,13 @@ class FaultyLine {
 
   // One frame (a datagram) leaves the sender.
   void send(std::span<const std::uint8_t> frame, std::int64_t t_ns);
-  // What has arrived by now.
+  // The bytes that have arrived by now.
   std::vector<std::uint8_t> receive(std::int64_t t_ns);
-  // Earliest arrival of what is on the way; INT64_MAX: nothing.
+  // Earliest arrival of the frames on the line; INT64_MAX: none.
   std::int64_t next_arrival() const;
-  // Faults that were made so far.
+  // Number of faults so far.
   std::int64_t made() const { return made_; }
-  // Makes exactly one fault of the kinds with a share above 0 at the next frame.
+  // Makes exactly one fault at the next frame, of a kind with a share above 0.
   void fault_now() { now_ = true; }
 
  private:

@@ -59,7 +59,7 @@ void MoteusDevice::take_line(const std::string& line) {
 
 void MoteusDevice::enter(int mode) {
   const bool latched = mode_ == kMoteusModeFault || mode_ == kMoteusModeTimeout;
-  if (latched && mode != kMoteusStopped) return;  // left through mode stopped alone
+  if (latched && mode != kMoteusStopped) return;  // only mode stopped ends it
   if (mode_ == kMoteusModeFault && !drive_.clear()) return;
   if (mode == kMoteusStopped && mode_ != kMoteusStopped) drive_.switch_off(Reason::kNone);
   if (mode != mode_) integral_.setZero();
@@ -146,7 +146,7 @@ bool MoteusDevice::control(Command& command) {
   const double theta_e = machine_.n_p * m->theta_m;
   Vec2 u_dq = u_dq_;
   if (mode_ == kMoteusModePosition) {
-    // The gains of the position loop of this emulator are 0: only the torque acts.
+    // The position loop of this emulator has zero gains: only the torque acts.
     const double i_q_ref = torque_ / (1.5 * machine_.n_p * machine_.psi_f);
     u_dq = current_control(currents_of(*m, machine_.n_p), i_q_ref, machine_.n_p * m->omega_m);
   }

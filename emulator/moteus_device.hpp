@@ -1,9 +1,9 @@
-// A moteus behind an fdcanusb, around an emulated drive: the documented lines and registers, its own
-// current control, and its timeout, which acts in modes 10 and 13 alone. And the burst of its debug
-// UART (servo.emit_debug = 13). The registers: bridge/moteus_codec.hpp.
+// A moteus behind an fdcanusb, around an emulated drive: the documented lines and registers, its
+// own current control, and its timeout, which acts in modes 10 and 13 only. It also sends the burst
+// of its debug UART (servo.emit_debug = 13). The registers: bridge/moteus_codec.hpp.
 //
-// A register is read at the control tick before: of that moment the voltage is known, too, as the mean
-// of the periods before and behind it.
+// A register has the value of the previous control tick. For that moment the voltage is known, too:
+// it is the mean of the periods before and after it.
 #pragma once
 #include <optional>
 #include <string>
@@ -27,7 +27,7 @@ class MoteusDevice final : public EmulatedDevice {
   double read(int reg) const;
   const Measurement* at_last_tick() const;
   void enter(int mode);
-  // The voltage of the mode at this tick; false: the outputs are off.
+  // Computes the voltage of the mode at this tick; false: the outputs are off.
   bool control(Command& command);
   Vec2 current_control(const Vec2& i_dq, double i_q_ref, double omega_e);
 

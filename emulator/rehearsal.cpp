@@ -52,7 +52,7 @@ double Rehearsal::off_after_s() const {
   return off_at_s_ < 0 ? -1 : off_at_s_ - last_command_s_;
 }
 
-// The device's clock runs fast: its periods are short in host time.
+// `now_s` is device time. With a positive drift the periods of the device are shorter in host time.
 void Rehearsal::device_tick() {
   const double now_s = static_cast<double>(device_.k()) * config_.drive().T_s();
   const std::uint32_t before = device_.leased_commands();
@@ -116,7 +116,7 @@ void Rehearsal::run_until(double t_s) {
       continue;
     }
     t_ns_ = next;
-    if (arrival <= due) up_.receive(arrival);  // nobody reads it
+    if (arrival <= due) up_.receive(arrival);  // the host has ended
     if (due <= arrival) device_tick();
     if (host_runs) guard_->silent_for(1e-6 * static_cast<double>(t_ns_ - last_arrival_ns_));
     for (GuardEvent& event : guard_->take_events()) events.push_back(std::move(event));

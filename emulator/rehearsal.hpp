@@ -4,7 +4,7 @@
 //   device, at t_k of its own clock   SAMPLE(k) -> line up; voltage of [t_k, t_{k+1}]
 //   host, when a frame arrives        SAMPLE(k) -> guard, estimator, controller -> COMMAND(k) -> line down
 //
-// Host time is the simulation's; the device's clock runs by drift_ppm fast.
+// Host time is the time of the simulation; the device's clock is fast by drift_ppm.
 #pragma once
 #include <memory>
 #include <vector>
@@ -24,7 +24,8 @@ struct RehearsalFaults {
   double drift_ppm = 0;
   double host_ends_at_s = 1e9;       // without a last frame: the process is gone
   double estimator_ends_at_s = 1e9;  // no ESTIMATE, so no COMMAND
-  // From then on the host reads phase a this far off, A: a drive that does not watch its sensors.
+  // From then on the host reads phase a with this error, A: a drive that does not check its
+  // sensors.
   double misread_from_s = 1e9, misread_A = 0;
 };
 
@@ -35,7 +36,7 @@ class Rehearsal {
 
   void run_until(double t_s);
   double t_s() const { return 1e-9 * static_cast<double>(t_ns_); }
-  // The host from its start, with a new estimator; `by_hand`: it clears the drive's reason first.
+  // Restarts the host with a new estimator; `by_hand`: it first clears the drive's reason.
   void restart_host(bool by_hand);
 
   void emergency_stop() { guard_->emergency_stop(); }
@@ -46,11 +47,11 @@ class Rehearsal {
   const BridgeGuard& guard() const { return *guard_; }
   std::int64_t faults_made() const { return up_.made() + down_.made(); }
   std::vector<GuardEvent> events;  // of the guard, all
-  // Device time from the arrival of the last command that enables to the first interval without a
+  // Device time from the arrival of the last enabling command to the first interval without a
   // voltage, s; negative: the outputs are on.
   double off_after_s() const;
   const Estimate& estimate() const { return estimate_; }
-  // Of every sample that the host took.
+  // Ticks of every sample that the host took.
   const std::vector<std::int64_t>& ticks() const { return ticks_; }
 
  private:
@@ -73,7 +74,7 @@ class Rehearsal {
   std::vector<std::int64_t> ticks_;
   std::int64_t t_ns_ = 0, last_arrival_ns_ = 0, resets_ = 0, first_k_ = -1;
   double last_command_s_ = -1, off_at_s_ = -1;  // device time
-  bool answered_ = false;                       // the sample before
+  bool answered_ = false;                       // the previous sample
   Mode mode_ = Mode::kRun;
 };
 

@@ -33,7 +33,7 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
         lockstep_ = (f.body.hello.abilities & TWP_LOCKSTEP) != 0 && drive_.takes_commands();
         flags_ = TWP_ALL_GROUPS;
         if (f.body.hello.abilities & TWP_CAN_FLOAT64) flags_ |= TWP_FLOAT64;
-        command_seq_ = f.header.seq;  // a new host counts anew
+        command_seq_ = f.header.seq;  // a new host restarts the count
         knows_host_ = true;
         has_command_ = false;
         send_info(f.header.seq);
@@ -58,14 +58,14 @@ void TwinrateDevice::take(std::span<const std::uint8_t> bytes) {
 void TwinrateDevice::take_command(const twp_frame& f) {
   if (!std::exchange(knows_host_, true)) command_seq_ = f.header.seq - 1;
   const std::int32_t step = twp_difference(f.header.seq, command_seq_);
-  if (step <= 0) {  // doubled or late; in lock-step the host asks for the sample again
+  if (step <= 0) {  // repeated or late; in lock-step the host asks for the sample again
     repeat();
     return;
   }
   lost_frames_ += step - 1;
   command_seq_ = f.header.seq;
   const twp_command& c = f.body.command;
-  // It answers a sample of the future, or of the time before a restart.
+  // The command answers a sample of the future, or one from before a restart.
   if (c.enable != 0 && c.sample_seq > k_ - first_k_) {
     ++bad_frames_;
     return;
@@ -79,7 +79,7 @@ void TwinrateDevice::take_command(const twp_frame& f) {
     has_command_ = false;
     return;
   }
-  if (drive_.latched() != Reason::kNone) return;  // only CLEAR ends that
+  if (drive_.latched() != Reason::kNone) return;  // only CLEAR ends the latched state
   const auto lease_max = static_cast<std::uint32_t>(std::llround(1e6 * options_.lease_max_s));
   twp_lease_take(&lease_, now_us(), c.lease_us, lease_max);
   ++leased_;
@@ -150,7 +150,7 @@ void TwinrateDevice::repeat() {
   if (lockstep_ && sampled_ >= 0) send(last_sample_);
 }
 
-// The newest command whose tick has come.
+// The newest command that is due.
 const Command* TwinrateDevice::in_force() {
   const std::int64_t due = k_ - first_k_ - options_.delay;
   while (!coming_.empty() && coming_.front().k <= due) {

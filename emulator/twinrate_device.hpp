@@ -1,5 +1,5 @@
-// The device's side of the twinrate protocol, around an emulated drive. A drive's firmware does the
-// same with the same header: firmware/examples/simplefoc.ino.
+// The device's side of the twinrate protocol, around an emulated drive. The firmware of a drive
+// uses the same protocol header: firmware/examples/simplefoc.ino.
 #pragma once
 #include <deque>
 
@@ -22,9 +22,9 @@ class TwinrateDevice final : public EmulatedDevice {
 
   std::int64_t bad_frames() const { return bad_frames_; }
   std::int64_t lost_frames() const { return lost_frames_; }
-  // Commands taken that enable.
+  // Number of accepted commands that enable the drive.
   std::uint32_t leased_commands() const { return leased_; }
-  // Leases that ended without a command.
+  // Number of leases that expired without a command.
   std::int64_t leases_ended() const { return leases_ended_; }
 
  private:
@@ -48,7 +48,7 @@ class TwinrateDevice final : public EmulatedDevice {
   std::int64_t sampled_ = -1, answered_ = -1;  // ticks of the device
   std::uint32_t command_seq_ = 0, leased_ = 0;
   std::int64_t bad_frames_ = 0, lost_frames_ = 0, leases_ended_ = 0;
-  std::int64_t leased_k_ = -1;  // of the last command that enables
+  std::int64_t leased_k_ = -1;  // tick of the last enabling command
   std::int64_t off_times_ = 0, off_ticks_most_ = 0;
   bool was_on_ = false;
   std::deque<Command> coming_;  // by k, the tick whose sample they answer

@@ -1,5 +1,5 @@
 // A VESC that runs its own control: GET_VALUES, and bursts of sampled data. The frames:
-// bridge/vesc_host.hpp. It takes no command of a host.
+// bridge/vesc_host.hpp. It takes no commands from a host.
 #pragma once
 #include <deque>
 
@@ -24,7 +24,7 @@ class VescDevice final : public EmulatedDevice {
   MachineParameters machine_;
   VescReceiver receiver_;
   int wanted_ = 0;            // samples of the burst that are not taken yet
-  std::vector<Bytes> burst_;  // in memory until it is whole, as in the drive
+  std::vector<Bytes> burst_;  // stored until it is complete, as in the drive
 };
 
 }  // namespace twinrate

@@ -19,7 +19,7 @@ namespace {
 using Complex = std::complex<double>;
 constexpr int kLines = 24, kPeriods = 4, kSpan = 60;  // lines 1 .. kSpan over T_p
 constexpr double kLowest = 0.1;                       // of the loop's bandwidth
-// Of the rating: amplitude of the test signal.
+// Amplitude of the test signal, relative to the rating.
 constexpr double kSpeedShare = 0.03, kCurrentShare = 0.15, kLoadShare = 0.1;
 
 // The functions of loop/closed_loop.hpp with a test signal added.
@@ -36,7 +36,7 @@ class DisturbedLoop {
     Truth truth;
     bool finite_and_in_step = true;
   };
-  // `k_profile`: the tick that reference and load of the drive file are taken at.
+  // `k_profile`: the tick for which reference and load of the drive file are evaluated.
   Tick step(ResponseOf of, double x, std::int64_t k_profile) {
     Tick tick;
     const Measurement& m = plant_.sample();
@@ -57,8 +57,8 @@ class DisturbedLoop {
   }
 
  private:
-  // load.slew_Nm_s limits the load of the drive file, not the test signal: its fast lines would
-  // drown in the noise.
+  // load.slew_Nm_s limits the load of the drive file, not the test signal, whose fast lines would
+  // otherwise be below the noise.
   static Config without_slew_of_load(const Config& config) {
     Config copy = Config::parse(config.resolved(), "response", {"load.slew_Nm_s=0"});
     read_all_tables(copy);
@@ -117,7 +117,7 @@ struct Multisine {
   }
 };
 
-// `slew`: limit of the rate that the drive file sets; 0: none.
+// `slew_rate`: rate limit of the drive file; 0: none.
 Multisine multisine(const DriveConfig& d, double f_c, double size, double slew_rate) {
   Multisine s;
   s.period = static_cast<int>(std::lround(d.rates.f_s_Hz / (kLowest * f_c)));

@@ -1,4 +1,4 @@
-// Frequency response of the closed loop, measured in lock-step, beside that of its design.
+// Frequency response of the closed loop, measured in lock-step, and the response of its design.
 //
 //   speed     added to the speed reference, rad/s      -> omega_m, rad/s
 //   current   added to the reference of i_d, A         -> i_d, A
@@ -10,13 +10,14 @@
 // X, Y_p: the lines of x and of the true output in period p = 1 .. P.
 //
 //   H         = mean_p Y_p/X
-//   coherence = |mean_p Y_p|^2/mean_p |Y_p|^2        1: the output is the answer to x alone
+//   coherence = |mean_p Y_p|^2/mean_p |Y_p|^2        1: x alone causes the output
 //   sigma     = |H| sqrt((1/coherence - 1)/(P - 1))         of |H|
 //
-// A line is measured where 2 sigma is below the 3 dB that the bandwidth asks for.
+// A line is measured if 2 sigma is below the 3 dB that define the bandwidth.
 //
-// The design has exact currents, angle and speed: what the measured curve lacks of it is the
-// filter's. Discrete, at z = exp(j omega T_s), PI controllers and delay d of the drive file:
+// The design assumes exact currents, angle and speed: its difference to the measured curve is
+// caused by the filter. Discrete, at z = exp(j omega T_s), PI controllers and delay d of the drive
+// file:
 //
 //   H_i   = C_i P_i/(1 + C_i P_i)      C = K_p + K_i T_s/(z - 1),  P_i = z^-d (1 - a)/(R_s (z - a))
 //   L_w   = C_w H_q K_t T_s/(2 J) (z + 1)/(z - 1 + B T_s/J)
@@ -50,11 +51,12 @@ struct Response {
   std::vector<ResponseLine> lines;
 };
 
-// `config` as it runs, n included. `stop` ends it early: Response without lines. Throws BadInput.
+// `config` as the drive runs, including n. `stop` ends the measurement early: Response without
+// lines. Throws BadInput.
 Response measure_response(Config& config, ResponseOf of, const std::function<bool()>& stop = {});
 
-// Where |H| of the measured lines first falls 3 dB below its value at the lowest line, Hz; none where it
-// does not, or where the lowest line is not measured.
+// Frequency in Hz at which |H| of the measured lines first falls 3 dB below its value at the lowest
+// line; empty if it does not fall, or if the lowest line is not measured.
 std::optional<double> bandwidth(const Response& response, bool of_design);
 
 std::string response_csv(const std::vector<Response>& responses);

@@ -59,7 +59,7 @@ std::string response_csv(const std::vector<Response>& responses) {
 
 std::string response_json(const std::string& drive, const std::vector<Response>& responses) {
   Json list = Json::array();
-  // The response to a load rises first: it has no bandwidth.
+  // The response to a load rises first, so a bandwidth is not defined.
   const auto bandwidth_json = [](const Response& r, bool of_design) {
     const auto f = bandwidth(r, of_design);
     return f && r.of != ResponseOf::kLoad ? Json(*f) : Json();

@@ -1,10 +1,11 @@
 // A websocket server for Foxglove (subprotocol foxglove.websocket.v1,
 // github.com/foxglove/ws-protocol/blob/main/docs/spec.md).
 //
-// It advertises every channel with the JSON schema of the MCAP export. A client gets the messages of
-// the channels that it subscribes to, stamped with the drive time. Nothing waits for a client: what
-// does not fit into its queue of kMaxQueueBytes is lost for this client, counted, and said to it as
-// a `status` message. What a client sends other than subscriptions is answered with a `status`.
+// It advertises every channel with the JSON schema of the MCAP export. A client gets the messages
+// of the channels to which it subscribes, stamped with the drive time. Nothing waits for a client:
+// a message that does not fit into its queue of kMaxQueueBytes is lost for this client, counted,
+// and reported to it in a `status` message. Any other message of a client than a subscription is
+// answered with a `status`.
 #pragma once
 #include <cstdint>
 #include <deque>
@@ -35,14 +36,14 @@ class FoxgloveServer {
   int port() const;
   // Puts the message into the queue of every client that wants it.
   void offer(Channel channel, const Layout& layout, const Sample& sample);
-  // Reads from and writes to the clients what is possible without waiting.
+  // Reads from the clients and writes to them without waiting.
   void serve();
 
   std::size_t clients() const { return clients_.size(); }
   std::int64_t sent() const { return sent_; }
   std::int64_t lost() const { return lost_; }
 
-  // Of libwebsockets, on the thread of serve().
+  // Events of libwebsockets, on the thread of serve().
   int on_event(lws* wsi, int reason, const void* bytes, std::size_t size);
 
  private:

@@ -86,7 +86,7 @@ void PlotjugglerSender::send(Channel channel, const Layout& layout, const Sample
   for (const std::string& text : plotjuggler_datagrams(channel, layout, sample)) {
     if (::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) >= 0)
       ++sent_;
-    else if (errno == ECONNREFUSED)  // the answer to an earlier datagram; this one was not sent
+    else if (errno == ECONNREFUSED)  // caused by an earlier datagram; this one was not sent
       ++unheard_;
     else
       ++lost_;

@@ -2,8 +2,9 @@
 //
 //   {"timestamp": 0.0123, "ESTIMATE": {"seq": 123, "omega_m_rad_s": 41.9, "x_hat[0]": 0.2, ..}}
 //
-// `timestamp` is the drive time in s. Texts and numbers that are not finite are left out: PlotJuggler
-// plots numbers. PlotJuggler reads datagrams of up to 2048 bytes; a longer message is sent in parts.
+// `timestamp` is the drive time in s. Texts and numbers that are not finite are left out, because
+// PlotJuggler plots finite numbers. PlotJuggler reads datagrams of up to 2048 bytes; a longer
+// message is sent in parts.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -23,7 +24,7 @@ std::vector<std::string> plotjuggler_datagrams(Channel channel, const Layout& la
 // A layout (Layout, Load Layout) with speeds, currents, voltages and the load estimate.
 std::string plotjuggler_layout();
 
-// Sends without waiting: what the socket does not take at once is lost and counted.
+// Sends without waiting: a datagram that does not fit into the socket is lost and counted.
 class PlotjugglerSender {
  public:
   // Throws BadInput: `host` is no IPv4 address.
@@ -35,7 +36,7 @@ class PlotjugglerSender {
   void send(Channel channel, const Layout& layout, const Sample& sample);
   std::int64_t sent() const { return sent_; }        // datagrams
   std::int64_t lost() const { return lost_; }        // the socket was full
-  std::int64_t unheard() const { return unheard_; }  // this host answered: nobody listens there
+  std::int64_t unheard() const { return unheard_; }  // refused by this host: no listener
 
  private:
   int socket_ = -1;

@@ -29,7 +29,7 @@ using StateByOutput =
 // 95 % quantiles of chi-square with 1 to 4 degrees of freedom.
 constexpr double kQuantile[] = {3.841, 5.991, 7.815, 9.488};
 
-// R of the filter's outputs; the reduced disturbance filter has the last output only.
+// R of the filter's outputs; the reduced disturbance filter has only the last output.
 std::vector<double> noise_of(Config& config) {
   for (const auto& [key, values] : knobs_of(config).keys)
     if (key.ends_with(".R_diag") || key.ends_with(".R")) return values;
@@ -44,7 +44,8 @@ Outputs noise_of(const std::vector<double>& all, int n_y) {
   return R;
 }
 
-// (I - H K)^-1 R with H K = R K' P^-1 K. P is scaled to a diagonal of ones: its units differ. Empty where it is singular.
+// (I - H K)^-1 R with H K = R K' P^-1 K. P is scaled to a diagonal of ones, because its units
+// differ. Empty if it is singular.
 std::optional<Square> innovation_covariance(const Gain& gain, const Outputs& R) {
   const StateByOutput K = gain.K.topLeftCorner(gain.n_x, gain.n_y);
   const Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStates, 1> size =
@@ -62,7 +63,7 @@ std::optional<Square> innovation_covariance(const Gain& gain, const Outputs& R) 
   return Square(0.5 * (S + S.transpose()));
 }
 
-// The sums of consistency over the judged ticks.
+// Sums over the judged ticks for the figures of Consistency.
 class Sums {
  public:
   void add(std::int64_t k, const Outputs& innov, const Square& S) {
@@ -102,7 +103,7 @@ class Sums {
   std::vector<TickLikelihood> of_tick_;
 };
 
-// In rotor axes where the filter is in the stationary frame.
+// The innovation in rotor axes if the filter is in the stationary frame.
 Outputs in_rotor_axes(Outputs innov, const Estimate& e, bool turns) {
   if (turns) innov.head<2>() = rotate(Vec2(innov.head<2>()), -e.theta_e);
   return innov;
@@ -130,7 +131,8 @@ void require_rate(const RunLog& log, const DriveConfig& drive, const std::string
                                log.path, 1 / T_s, file, drive.rates.f_s_Hz));
 }
 
-// The log with the estimates of this filter; without COMMAND: the speed is not judged in open loop.
+// The log with the estimates of this filter. COMMAND is left out: in open loop the speed is not
+// judged.
 RunLog with_estimates(const RunLog& log, std::vector<Estimate> estimate) {
   RunLog own;
   own.path = log.path;

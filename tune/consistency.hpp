@@ -1,4 +1,4 @@
-// Is a filter as sure of itself as its innovations say?
+// Consistency of a filter: do its innovations have the covariance that the filter expects?
 //
 // At each tick, with the gain K and the covariance P that the filter used, and its R:
 //
@@ -6,9 +6,10 @@
 //   NIS  = innov' S^-1 innov                                      chi-square with n_y degrees of freedom
 //   l    = -1/2 (ln det S + NIS)                                  log-likelihood of the tick, less a constant
 //
-// H' = P^-1 K R holds for the gain that minimises P; the filters of this project use no other. In a filter in the
-// stationary frame innovation and S are compared in rotor axes: the gain is older than the innovation. The innovations of
-// a consistent filter are white and their NIS has the mean n_y.
+// H' = P^-1 K R holds for the gain that minimises P; the filters of this project use no other gain.
+// In a filter in the stationary frame, innovation and S are compared in rotor axes, because the
+// gain is older than the innovation. The innovations of a consistent filter are white, and the mean
+// of their NIS is n_y.
 // Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4.
 #pragma once
 #include <cmath>
@@ -43,8 +44,9 @@ struct Consistency {
   std::optional<double> angle_error_rms, speed_error_rms;  // rad electrical, rad/s mechanical
 };
 
-// Mean difference of the log-likelihood of a tick and its standard error, over the ticks of both: `after` as it is less
-// `before` with its best scale. Blocks of ticks, as successive innovations may be correlated.
+// Mean difference of the log-likelihood of a tick and its standard error, over the ticks of both:
+// `after` with its own scale less `before` with its best scale. Computed from blocks of ticks,
+// because successive innovations can be correlated.
 struct Gained {
   double mean = 0, sigma = 0;  // sigma infinite with fewer than four blocks
 };
@@ -52,19 +54,22 @@ Gained gained(const Consistency& before, const Consistency& after);
 
 enum class Angle { kCompared, kLeftOut };  // the second is quicker
 
-// The filter of the drive file with these overrides and a gain every tick, on a recorded drive. `from`, `to`: share of the
-// judged window of the log, 0 to 1; the filter runs from the first tick on. Throws BadInput where no tick can be judged.
+// Runs the filter of the drive file with these overrides and a gain every tick on a recorded drive.
+// `from`, `to`: judged part of the log's window, 0 to 1; the filter runs from the first tick on.
+// Throws BadInput if no tick can be judged.
 Consistency consistency_of(const std::string& drive, const std::vector<std::string>& overrides,
                            const RunLog& log, double from = 0, double to = 1,
                            Angle angle = Angle::kCompared);
 
-// The largest n that keeps synchronism on this log, n rising from 1 to the first loss or to `most`; the filter runs with
-// the gain policy of the drive file. 0: n = 1 is lost. Empty without an angle to compare with.
+// The largest n that keeps synchronism on this log: n rises from 1 to the first loss or to `most`,
+// with the gain policy of the drive file. 0: n = 1 loses it. Empty without an angle to compare
+// with.
 std::optional<int> n_max_on(const std::string& drive, const std::vector<std::string>& overrides,
                             const RunLog& log, int most, const std::function<bool()>& stop);
 
-// Does the simulated drive of the drive file keep synchronism with these overrides? The start and every acceleration of its
-// profile count; a log of one speed shows neither.
+// True if the simulated drive of the drive file keeps synchronism with these overrides. The run
+// includes the start and every acceleration of its profile, which a log of one speed does not
+// contain.
 bool holds_in_closed_loop(const std::string& drive, const std::vector<std::string>& overrides);
 
 }  // namespace twinrate::tune

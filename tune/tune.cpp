@@ -81,7 +81,7 @@ std::string name_of(const Knob& knob) {
   return knob.key.substr(knob.key.rfind('.') + 1);
 }
 
-// Knobs that the search turns: Q, L and every R but the first, which fixes the scale.
+// Knobs that the search changes: Q, L and every R except the first, which fixes the scale.
 std::vector<std::size_t> free_knobs(const Knobs& knobs) {
   std::vector<std::size_t> list;
   bool fixed = false;
@@ -144,7 +144,8 @@ class Tuning {
     side.closed_loop = holds_in_closed_loop(request_.drive, overrides(side.knobs));
   }
 
-  // The likeliest weights, or the first on the way back to the given ones that hold what those hold.
+  // Steps back from the most likely weights to the given ones, to the first weights that keep
+  // synchronism and n_max like the given ones; without such weights, the most likely ones.
   Side held(const Side& given, const Knobs& likeliest, double& back) const {
     std::optional<Side> first;
     for (int step = 0; step < kSteps && !(first && stop_()); ++step) {
@@ -189,7 +190,8 @@ class Tuning {
     return at(nelder_mead(free.size(), request_.evaluations, cost, stop_));
   }
 
-  // Without the knobs that the filter does not use as it is configured: a decade leaves every bit of the likelihood.
+  // Removes the knobs that this configuration of the filter does not use: a factor of ten leaves
+  // the likelihood bit for bit unchanged.
   std::vector<std::size_t> with_effect(const Knobs& given, std::vector<std::size_t> free) const {
     const double unchanged = trained(given, Angle::kLeftOut).best_log_likelihood;
     std::erase_if(free, [&](std::size_t i) {

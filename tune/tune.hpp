@@ -1,11 +1,13 @@
-// Noise weights of a filter from a recorded drive: those under which the innovations of the log are most likely.
+// Noise weights of a filter from a recorded drive: the weights that maximise the likelihood of the
+// innovations of the log.
 //
 //   search    Nelder and Mead over the logarithms of the knobs (tune/knobs.hpp), with R fixed: the gain depends on the
 //             ratios only. The common factor follows in closed form: the mean NIS.
 //   judged    on data that the search did not read: another log, or the last third of the only one
 //
-// The weights minimise the error of the predicted currents (and speed), not that of the angle: the result shows both, and
-// the slowest gain update that still keeps synchronism on that log.
+// The weights minimise the error of the predicted currents (and speed) instead of that of the
+// angle. The result shows both errors, and the slowest gain update that keeps synchronism on that
+// log.
 #pragma once
 #include "tune/consistency.hpp"
 #include "tune/knobs.hpp"
@@ -31,16 +33,17 @@ struct Result {
   Side before, after;
   double f_s_Hz = 0;
   std::optional<double> f_e_Hz;  // mean of the hold-out log
-  // A log of one speed makes the weight of an acceleration too small. Where the most likely weights lose the simulated run
-  // or a slow gain that the drive file's hold, the result lies this share of the way back to those, in logarithms.
+  // A log of one speed makes the weight of an acceleration too small. If the most likely weights
+  // lose the simulated run or a slow gain that the weights of the drive file keep, the result lies
+  // this share of the way back to those of the drive file, in logarithms.
   double back = 0;
   bool interrupted = false;
-  // Why the new weights are no better than those of the drive file; empty: they are better.
+  // Reasons why the new weights are no better than those of the drive file; empty: they are better.
   std::vector<std::string> objections;
 };
 
-// `progress`: what is done and its share, 0 to 1. `stop`: true ends the search with the best so far. Throws BadInput: a log
-// of another rate, without the signals of the filter, or too short.
+// `progress`: present step and its share, 0 to 1. `stop`: true ends the search with the best result
+// so far. Throws BadInput: a log of another rate, without the signals of the filter, or too short.
 Result tune(const Request& request, const std::function<void(const std::string&, double)>& progress,
             const std::function<bool()>& stop);
 
