@@ -48,7 +48,7 @@ struct AngleDomainParameters {
   void fields(FieldVisitor& f);
 };
 
-// The closed loop that the feed-forward acts in.
+// The closed loop in which the feed-forward acts.
 struct LoopModel {
   double R_s = 0, L_q = 0, K_t = 0, J = 0, B = 0;
   double K_pp = 0, K_iq = 0, K_omega = 0, K_p = 0;

@@ -21,7 +21,7 @@ struct ControllerInput {
   const Truth* truth = nullptr;  // only with controller.angle_source = "truth"
 };
 
-// Something a person should read, once (mode changes).
+// An event for the user, reported once (mode changes).
 struct ControllerEvent {
   Reason reason = Reason::kNone;
   const char* text = "";

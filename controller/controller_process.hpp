@@ -2,7 +2,8 @@
 //
 //   MEASUREMENT(k), ESTIMATE(k), REFERENCE(k) -> [Controller::step] -> COMMAND(k)
 //
-// twinrate-controller runs it with the controller of the drive file, an own program with its own:
+// twinrate-controller runs it with the controller of the drive file. A program of your own runs it
+// with its own:
 //
 //   int main(int argc, char** argv) {
 //     return twinrate::run_controller("my_law", argc, argv, twinrate::own_controller<MyLaw>);

@@ -105,7 +105,7 @@ class Foc final : public Controller {
   Vec2 i_dq_wanted_ = Vec2::Zero();  // of the speed loop, before field weakening
   ControllerEvent event_;
   Command command_;           // the last one: repeated for an input that is not finite
-  Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame it was made in
+  Vec2 u_dq_ = Vec2::Zero();  // of the last step, in the frame of that step
   double i_d_handover_ = 0;   // d current taken over from the I/f ramp, faded out
 };
 

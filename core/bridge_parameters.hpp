@@ -18,7 +18,7 @@ inline constexpr const char* kBridgeModeNames[] = {"control", "listen"};
 enum class MoteusControl : int { kTorque = 0, kVoltage = 1 };
 inline constexpr const char* kMoteusControlNames[] = {"torque", "voltage"};
 
-// How a moteus is listened to: its registers over the fdcanusb, or the burst of its debug UART.
+// How to read a moteus: its registers over the fdcanusb, or the burst of its debug UART.
 enum class MoteusListen : int { kPoll = 0, kUart = 1 };
 inline constexpr const char* kMoteusListenNames[] = {"poll", "uart"};
 
@@ -42,12 +42,13 @@ struct BridgeParameters {
 
   // True if the drive itself switches off when the host is silent.
   bool device_has_watchdog() const;
-  // Whether the bridge has commands for it: not for a VESC, nor over the debug UART of a moteus.
+  // True if the bridge can send commands to the drive: not to a VESC, nor over the debug UART of a
+  // moteus.
   bool takes_commands() const;
-  // Whether the samples hold a voltage, without which no filter of the set can follow the drive.
+  // True if the samples contain a voltage, without which no filter of the set can follow the drive.
   bool tells_voltage() const;
-  // Of a sample and a command on a serial line, 10 bits a byte: the longer of the two (they pass each
-  // other). 0 on UDP.
+  // Time of a sample and a command on a serial line, 10 bits a byte: the longer of the two (they
+  // pass each other). 0 on UDP.
   double wire_time_s() const;
 };
 

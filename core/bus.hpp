@@ -49,15 +49,16 @@ struct BusOptions {
   std::function<std::int64_t(std::int64_t first, std::int64_t last)> gains_between;
   // Messages of a tick from this one on are refused. The default allows every tick.
   std::int64_t ticks = INT64_MAX;
-  // Above 0, realtime: a message of a tick this much further ahead of the last one on its channel
-  // is refused, unless it follows a refused one: a hole in the sequence is accepted at the second
-  // message after it. Thinned estimates may be two periods further. GAIN is not checked.
+  // Above 0, realtime: a message whose tick is this much ahead of the last one on its channel is
+  // refused, unless it follows a refused one: after a gap in the sequence the second message is
+  // accepted. Estimates that are filtered for the background may be two periods further ahead. GAIN
+  // is not checked.
   std::int64_t max_jump = 0;
   std::size_t history = 2048;  // messages a channel kept for sending again
-  // Above 0: messages do not wake the process; it reads them with this period. For a process that
-  // nobody waits for: a wake-up costs its sender more than the message.
+  // Above 0: messages do not wake the process; it reads them with this period. For a process for
+  // which no other process waits: a wake-up costs the sender more than the message.
   double drain_every_ms = 0;
-  // Looks for a message for so long before it sleeps.
+  // Polls for a message for this time before it sleeps.
   double spin_us = 0;
   // Not negative: publish_later() leaves the sending to a thread on this CPU.
   int later_cpu = -1;
@@ -111,8 +112,8 @@ class Bus {
   }
   // Sender of the message that is being handled; 0: the transport does not provide it.
   SocketName sender() const;
-  // True if it comes from the process of this role, which may be this one. Also true if senders are
-  // not checked.
+  // True if it comes from the process of this role, which can be this process. Also true if senders
+  // are not checked.
   bool is_from(Role role) const;
   // Called with every status of this process's role from another process.
   void on_twin(std::function<void(const status_t&)> handler) { twin_ = std::move(handler); }

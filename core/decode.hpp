@@ -16,7 +16,7 @@
 
 namespace twinrate {
 
-// Whether the lengths inside an encoded message are ones this program sends.
+// True if the lengths inside an encoded message are ones that this program sends.
 bool sizes_fit(const estimate_t*, const std::uint8_t* bytes, std::size_t size);
 bool sizes_fit(const gain_t*, const std::uint8_t* bytes, std::size_t size);
 inline bool sizes_fit(const void*, const std::uint8_t*, std::size_t) {
@@ -30,7 +30,7 @@ int estimate_status(const std::uint8_t* bytes, std::size_t size);
 
 // The first 8 bytes; 0 if there are fewer.
 std::int64_t fingerprint_in(const std::uint8_t* bytes, std::size_t size);
-// Whether an earlier schema had messages of this channel with this fingerprint.
+// True if an earlier schema had messages of this channel with this fingerprint.
 bool is_earlier_form(Channel channel, std::int64_t fingerprint);
 // An encoded message of an earlier schema as one of today; empty for any other.
 std::vector<std::uint8_t> in_todays_form(Channel channel, const std::uint8_t* bytes,

@@ -1,8 +1,8 @@
 // One drive file: everything the processes of one drive share. docs/config-reference.md lists every
 // key.
 //
-// A table that one folder alone needs belongs to that folder and is read there, from the same
-// Config: [bus], [monitor], of [plant] how it is simulated, and the tables of the filter and
+// A table that only one folder needs belongs to that folder and is read there, from the same
+// Config: [bus], [monitor], the simulation keys of [plant], and the tables of the filter and
 // controller kinds ([estimator.ekf_sensorless], [controller.foc], ..).
 #pragma once
 #include <cstdint>
@@ -27,7 +27,8 @@ enum class Start : int { kAligned = 0, kAlignIf = 1, kFlying = 2 };
 enum class Pace : int { kLockstep = 0, kRealtime = 1 };
 enum class AngleSource : int { kEstimate = 0, kMeasured = 1, kTruth = 2 };
 
-// Who knows an effect: the simulated plant has it, the model of estimator and controller has it.
+// Where an effect acts: in the simulated plant, in the model of estimator and controller, or in
+// both.
 enum class UsedIn : int { kPlant = 0, kModel = 1, kBoth = 2 };
 
 enum class Compensation : int { kOff = 0, kPaper = 1, kAngleDomain = 2, kLoad = 3 };
@@ -142,8 +143,8 @@ struct DriveConfig {
   double omega_m_limit() const;   // twice the fastest of rated speed and references
   double omega_m_start() const;   // 0 unless start = "flying"
   Effects plant_effects() const;  // effects of the simulated plant
-  Effects model_effects() const;  // effects that estimator and controller know at the start
-  // The ticks after 0 at which they come to know other ones, ascending.
+  Effects model_effects() const;  // effects that estimator and controller compensate at the start
+  // The ticks after 0 at which this model changes, ascending.
   std::vector<std::int64_t> model_changes() const;
   DriveFacts facts() const;
 };

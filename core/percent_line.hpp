@@ -1,4 +1,4 @@
-// How far a long reading has come: a line on a terminal that overwrites itself, or JSON lines.
+// Progress of a long reading: a line on a terminal that overwrites itself, or JSON lines.
 #pragma once
 #include <string>
 

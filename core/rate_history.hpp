@@ -42,7 +42,7 @@ class RateHistory {
     const RateChange* change = last_change(k);
     return change ? change->rate() : rate_;
   }
-  // Whether tick k sends a gain; `estimate_status`: of its ESTIMATE.
+  // True if tick k sends a gain; `estimate_status`: of its ESTIMATE.
   bool sends_gain(std::int64_t k, int estimate_status) const {
     return has_background(policy_at(k)) &&
            (estimate_status & kGainEveryTick || is_snapshot(k, rate_at(k)));

@@ -44,7 +44,7 @@ struct BackgroundRate {
 inline bool is_snapshot(std::int64_t k, BackgroundRate rate) {
   return k % rate.n_at(k) == 0;
 }
-// How many snapshots there are in ticks 0 .. k.
+// Number of snapshots in ticks 0 .. k.
 inline std::int64_t snapshots_up_to(std::int64_t k, BackgroundRate rate) {
   return k < rate.from ? k + 1 : rate.from + (k - rate.from) / rate.n + 1;
 }

@@ -32,8 +32,8 @@ struct SharedRings;  // the memory
 // not lapped within a window (bus.window_ticks) of this many ticks.
 inline constexpr int kMostTicksInMemory = 1024;
 
-// Which of the estimates a gain process can use: those below tick `from`, then of sequence numbers that
-// are multiples of `every`, and any that asks for a gain (kGainEveryTick).
+// The estimates that a gain process can use: those below tick `from`, then those of sequence
+// numbers that are multiples of `every`, and any that asks for a gain (kGainEveryTick).
 struct EstimateRate {
   std::uint32_t every = 1;
   std::uint64_t from = 0;
@@ -42,11 +42,11 @@ struct EstimateRate {
   }
 };
 
-// The memory of a set, for whoever starts it. It has no name in a file system and is gone with this
-// object and the processes that use it. Throws MachineError.
+// The memory of a set, created by the process that starts the set. It has no name in a file system
+// and ends with this object and the processes that use it. Throws MachineError.
 class SharedMemory {
  public:
-  // `hears_copies`: of the messages that the logger sends over LCM, this process wants those of a tick.
+  // `hears_copies`: this process wants the messages of a tick that the logger sends over LCM.
   explicit SharedMemory(bool hears_copies = false);
   // The path that the processes of the set open, valid while this object exists.
   std::string path() const;
@@ -86,7 +86,7 @@ class RingMember {
   // From another thread of this process.
   void wake();
   std::int64_t malformed() const { return malformed_; }
-  // The processes of the set that hear no copies of its messages.
+  // The processes of the set that receive no copies of its messages.
   std::vector<pid_t> processes() const;
 
  private:

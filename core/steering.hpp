@@ -63,7 +63,7 @@ class SteeredDrive {
 
   // Changes the drive from tick k on. Throws BadInput, with one line, and changes nothing then.
   void apply(std::string_view lines, std::int64_t k);
-  // Steps that no tick from k on reads are forgotten: a long run stays small.
+  // Drops steps that no tick from k on reads: the memory of a long run stays small.
   void forget_before(std::int64_t k);
 
   const DriveConfig& drive() const { return drive_; }

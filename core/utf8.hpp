@@ -5,7 +5,8 @@
 
 namespace twinrate {
 
-// The bytes of the sequence at `bytes`, of which `size` are there; 0 if none begins there.
+// Length of the sequence that begins at `bytes`, with at most `size` bytes; 0 if there is no valid
+// one.
 inline std::size_t utf8_sequence(const std::uint8_t* bytes, std::size_t size) {
   const std::uint8_t first = bytes[0];
   std::size_t length = 0;

@@ -48,7 +48,7 @@ class WatchedChannel {
   // Starts the next interval of rate and latency.
   void begin_interval(std::int64_t now_us);
   void reset();
-  // GAIN: none is due from here on (policy scheduled); the next one follows no gap.
+  // GAIN: none is due from now on (policy scheduled); the next one follows no gap.
   void pause() { paused_ = true; }
 
   Channel channel() const { return channel_; }

@@ -13,7 +13,7 @@ class Worker {
   Worker(const Worker&) = delete;
   Worker& operator=(const Worker&) = delete;
 
-  // From start() until ended() was true.
+  // True from start() until ended() was true.
   bool is_busy() const { return state_ != kIdle; }
   // Only while it is not busy. No exception leaves the job.
   void start(std::function<void()> job);

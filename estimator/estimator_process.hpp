@@ -2,8 +2,8 @@
 //
 //   MEASUREMENT(k), GAIN(s) -> [FastLoop::tick] -> ESTIMATE(k)
 //
-// twinrate-estimator runs it with the filter of the drive file, an own program with its own
-// (estimator/own_filter.hpp):
+// twinrate-estimator runs it with the filter of the drive file. A program of your own runs it with
+// its own filter (estimator/own_filter.hpp):
 //
 //   int main(int argc, char** argv) {
 //     return twinrate::run_estimator("my_filter", argc, argv, twinrate::own_filter<MyFilter>);

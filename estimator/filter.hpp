@@ -21,8 +21,8 @@
 
 namespace twinrate {
 
-// Of 24 starts each within 75 deg none was lost below the filter's limit of n; from further away it can
-// settle on the mirrored state (docs/theory/start-up.md).
+// Of 24 starts within 75 deg none was lost below the filter's limit of n. From a larger angle the
+// filter can settle on the mirrored state (docs/theory/start-up.md).
 inline constexpr double kStartWithin = 75 * kPi / 180;
 
 // The fast loop's memory of one filter.
@@ -41,7 +41,7 @@ struct Correction {
   int status = 0;  // kNotFinite: the correction was left out, the prediction kept
 };
 
-// Of one background step: F = df/dx, H = dh/dx, process and measurement noise.
+// Matrices of one background step: F = df/dx, H = dh/dx, process and measurement noise.
 struct CovarianceModel {
   using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxStates, kMaxStates>;
   using Outputs = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxOutputs, kMaxStates>;
@@ -60,15 +60,15 @@ class Filter {
   virtual FastState start(const Measurement& first) const = 0;
   // Prediction from t_{k-1} to t_k with the inputs of `m`, then correction with the K of `gain`.
   virtual Correction fast_step(FastState& state, const Measurement& m, const Gain& gain) const = 0;
-  // A sample is missing: prediction alone, with the inputs of the last sample seen.
+  // Handles a missing sample: only prediction, with the inputs of the last sample.
   virtual void predict_over_gap(FastState& state, const Measurement& last) const = 0;
   // Alignment: the rotor is held at this electrical angle. Filters with a position sensor ignore
   // it.
   virtual void align(FastState&, double /*theta_e*/) const {}
-  // Output equation: n_x, n_y, the named quantities. `m` is the sample the state belongs to.
+  // Output equation: n_x, n_y, the named quantities. `m`: the sample to which the state belongs.
   virtual Estimate output(const FastState& state, const Measurement& m) const = 0;
-  // The same in place at every tick, all but k, t_ns, gain_seq, x_hat and innov: a filter that
-  // overrides it saves the copy of an Estimate, and may keep what its next step needs again.
+  // The same in place at every tick, except k, t_ns, gain_seq, x_hat and innov. An override saves
+  // the copy of an Estimate, and can keep values for its next step.
   virtual void output_of_tick(FastState& state, const Measurement& m, Estimate& e) const {
     e = output(state, m);
   }
@@ -79,25 +79,26 @@ class Filter {
     return e;
   }
 
-  // The sample as this filter's equations see it: known effects beyond them are undone. `last` and
-  // `before`: estimate and measurement of the tick before.
+  // The sample for the equations of this filter: without the known effects that they do not
+  // contain. `last` and `before`: estimate and measurement of the tick before.
   Measurement seen(const Measurement& m, const Estimate& last, const Measurement& before) const {
     return known_.none() ? m : known_.seen(m, last, before);
   }
-  // seen() changes nothing.
+  // True if seen() changes nothing.
   bool sees_all() const { return known_.none(); }
   void know(const KnownEffects& known) { known_ = known; }
 
-  // T_load of the output is an estimate, not 0.
+  // True if T_load of the output is an estimate, not 0.
   virtual bool estimates_load() const { return false; }
 
   // Known limits of the filter, for a check before the run (loop/runnable.hpp).
   //
   // Largest electrical angle, rad, between the rotor and the start of the filter that a start from
-  // standstill without alignment corrects; 0: none. docs/theory/two-rate-ekf.md has the measured starts.
+  // standstill without alignment corrects; 0: none. docs/theory/two-rate-ekf.md has the measured
+  // starts.
   virtual double direct_start_within() const { return kPi; }
-  // Smallest electrical speed, rad/s, at which the filter observes the load with a voltage of which
-  // `u_unknown`, V, is not known. Empty: the load is no state.
+  // Smallest electrical speed, rad/s, at which the filter observes the load if a part `u_unknown`,
+  // V, of the voltage is unknown. Empty: the load is no state.
   virtual std::optional<double> load_speed_min(double /*u_unknown*/) const { return {}; }
 
   virtual Gain initial_gain() const = 0;  // K = 0, P = P_0
@@ -123,8 +124,8 @@ class Filter {
   // Steady state without load at this speed, theta_e = 0: the operating point of a row of the table
   // of policy `scheduled`. Empty: no table for this filter.
   virtual std::optional<Estimate> steady_state(double /*omega_m*/) const { return {}; }
-  // Matrices of background_step() at this snapshot: many steps at one operating point then need no
-  // loop (GainSchedule). Empty: the steps are taken one after the other.
+  // Matrices of background_step() at this snapshot, with which many steps at one operating point
+  // need no loop (GainSchedule). Empty: the steps are computed one after the other.
   virtual std::optional<CovarianceModel> covariance_model(const Estimate& /*snapshot*/) const {
     return {};
   }

@@ -8,9 +8,10 @@
 //
 // K is linear between two rows. The table is computed from the filter when a program starts, never
 // read from a file. At standstill the angle is not observable and P44 grows without bound, so the
-// number of steps is limited (kIterations); K itself is finite there. The steps are taken by doubling
-// (kernels/riccati_doubling.hpp) where the filter gives its matrices (Filter::covariance_model):
-// 0.1 s for 20 states, else one after the other: 30 s.
+// number of steps is limited (kIterations); K itself is finite there. If the filter provides its
+// matrices (Filter::covariance_model), the steps are computed by doubling
+// (kernels/riccati_doubling.hpp): 0.1 s for 20 states. Otherwise they are computed one after the
+// other: 30 s.
 #pragma once
 #include <cstdint>
 #include <limits>

@@ -7,8 +7,8 @@
 
 namespace twinrate {
 
-// True if a gain has the sizes of the filter's `first` one, is finite, and has a covariance with a
-// positive diagonal (zero only where that of the first one is zero).
+// True if a gain has the sizes of the filter's `first` gain, is finite, and has a covariance with a
+// positive diagonal (zero only if that of `first` is zero there).
 inline bool fits(const Gain& gain, const Gain& first) {
   if (gain.n_x != first.n_x || gain.n_y != first.n_y) return false;
   if (!gain.K.topLeftCorner(gain.n_x, gain.n_y).allFinite()) return false;
@@ -18,8 +18,8 @@ inline bool fits(const Gain& gain, const Gain& first) {
   return true;
 }
 
-// Copies a gain: of gains of equal size the used blocks alone, since a gain has room for the largest
-// filter.
+// Copies a gain. Of gains of equal size only the used blocks are copied, because a Gain has room
+// for the largest filter.
 inline void copy_gain(Gain& to, const Gain& from) {
   if (from.n_x == 0 || to.n_x != from.n_x || to.n_y != from.n_y) {
     to = from;
@@ -37,11 +37,11 @@ inline void copy_gain(Gain& to, const Gain& from) {
   std::copy_n(from.at_speed.begin(), from.n_speeds, to.at_speed.begin());
 }
 
-// A gain set is taken over whole, at a tick boundary.
+// Stores gains. A gain set is replaced as a whole, at a tick boundary.
 class GainSlots {
  public:
   void reset(const Gain& initial) { slots_.fill(initial); }
-  // Replaces the oldest gain. A repeat, or one older than all that are held, changes nothing.
+  // Replaces the oldest gain. A repeated gain, or one older than all stored gains, changes nothing.
   void push(const Gain& gain) {
     Gain* oldest = &slots_.front();
     for (Gain& slot : slots_) {
@@ -55,7 +55,8 @@ class GainSlots {
       if (slot.k == snapshot) return true;
     return false;
   }
-  // The newest gain not newer than `snapshot`: the planned one, or the one to hold when it is late.
+  // The newest gain not newer than `snapshot`: the planned gain, or the held one if the planned
+  // gain is late.
   const Gain& newest_up_to(std::int64_t snapshot) const {
     const Gain* best = nullptr;
     for (const Gain& slot : slots_)

@@ -14,7 +14,7 @@ std::shared_ptr<const Filter> make_filter(Config& config);
 // The effects that a filter of this drive compensates before its equations.
 KnownEffects known_effects(const DriveConfig& drive);
 
-// A way to make the filter: make_filter, or that of an own one.
+// A way to make the filter: make_filter, or that of an own filter.
 using MakeFilter = std::function<std::shared_ptr<const Filter>(Config&)>;
 
 // Throws BadInput if the filter cannot run the drive's gain policy.
@@ -24,8 +24,8 @@ void require_policy(const Config& config, const Filter& filter, GainPolicy polic
 // "" if filter and controller of the drive support this compensation, else the missing condition.
 std::string compensation_needs(Compensation wanted, const DriveConfig& drive, const Filter& filter);
 
-// Whether the gain comes from the table over speed (estimator/gain_schedule.hpp) at any time of the
-// run, steering.policy included.
+// True if the gain comes from the table over speed (estimator/gain_schedule.hpp) at any time of the
+// run, including the policies of steering.policy.
 bool uses_table(Config& config);
 
 // `fall_back`: the table over speed replaces a silent background (realtime). The table is computed

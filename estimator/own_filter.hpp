@@ -1,4 +1,4 @@
-// An own filter that replaces a part of the one in the drive file.
+// A filter of your own that replaces a part of the filter in the drive file.
 //
 // Derive from OwnFilter and override the functions of Filter that are your own, at least
 // fast_step() or output(). All other functions are those of the filter `estimator.kind`: start,
@@ -12,7 +12,7 @@ namespace twinrate {
 
 class OwnFilter : public Filter {
  public:
-  // Throws BadInput as make_filter().
+  // Throws the BadInput of make_filter().
   explicit OwnFilter(Config& config) : drive_(config.drive()), built_in_(make_filter(config)) {
     know(known_effects(drive_));
   }

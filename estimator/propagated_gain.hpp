@@ -1,5 +1,5 @@
-// Policy `propagated`: the covariance stepped through every tick, and gains for N speeds, so that
-// one fits while the speed changes.
+// Policy `propagated`: the covariance is stepped through every tick, and gains are computed for N
+// speeds, between which the fast loop interpolates while the speed changes.
 //
 //   P(s)       all steps since the last snapshot in rotor axes, at the mean speed of both snapshots
 //   omega_low  = max(|omega| - span, kSlowest span)
@@ -20,7 +20,7 @@
 
 namespace twinrate {
 
-// Whether the filter can run the policy.
+// True if the filter can run the policy.
 bool offers_propagated(const Filter& filter);
 
 // One background run. `previous` holds P and its angle (k < 0: P_0), `omega_m_before` is the speed

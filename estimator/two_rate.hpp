@@ -54,7 +54,7 @@ class FastLoop {
   // Rate and policy change at these ticks; changes up to the last tick must be the same as before.
   // A schedule is needed if one of the policies is `scheduled`.
   void follow(std::vector<RateChange> changes, std::shared_ptr<const GainSchedule> schedule = {});
-  // True when the gain that tick k plans to use is here (or none is planned yet).
+  // True if the gain that tick k plans to use has arrived (or none is planned yet).
   bool gain_ready(std::int64_t k) const;
   // Runs one tick. Samples missing since the last one are predicted over (at most kMaxGap, else the
   // filter starts again from this sample). A late gain is replaced by the newest older one, a gain
@@ -64,7 +64,7 @@ class FastLoop {
   const Estimate& tick(const Measurement& m);
 
   std::int64_t last_k() const { return last_.k; }
-  // As they are known after the last tick.
+  // As after the last tick.
   BackgroundRate rate() const { return rate_; }
   GainPolicy policy() const { return policy_; }
   // The rate that tick k had, up to one change back.
@@ -109,7 +109,7 @@ class BackgroundLoop {
                  double span_omega_m = 0);
 
   void reset();
-  // Whether the snapshot has the states of the filter, or of its form without voltages.
+  // True if the snapshot has the states of the filter, or of its form without voltages.
   bool fits(const Estimate& snapshot) const {
     return snapshot.n_x >= (snapshot.status & kNoVoltage ? n_x_without_voltage_ : n_x_);
   }

@@ -1,10 +1,10 @@
 // Sine, cosine, exponential, logarithm and their relatives with the same bits on every x86-64.
 //
 // glibc selects its own by the processor: with FMA they round differently than without. A closed
-// loop amplifies one such bit. These use + - * / and sqrt only, each one IEEE operation
+// loop amplifies one such bit. These functions use only + - * / and sqrt, each one IEEE operation
 // (-ffp-contract=off: no compiler joins two into one), so the result is a function of the argument
-// and of nothing else. The error is below one unit in the last place for sincos, exp, log, atan and
-// expm1, below two for log1p and atan2, below three for tanh and asin (tests/model/math_test.cpp).
+// alone. The error is below one unit in the last place for sincos, exp, log, atan and expm1, below
+// two for log1p and atan2, below three for tanh and asin (tests/model/math_test.cpp).
 //
 //   sincos   r = x - k pi/2 in three parts and a remainder (Cody, Waite), polynomials in r;
 //            |x| >= 1e6: x 2/pi with as many digits of 2/pi as count (Payne, Hanek)

@@ -1,8 +1,7 @@
 // A value over drive time: a constant, or steps at given times.
 //
 // value(t) is the value of the last step with t_s <= t; before the first step it is the first
-// value. Ramps come from the slew limit of whoever uses the profile, so a profile never hides a
-// rate.
+// value. Ramps come from the slew limit of the profile's user, so a profile never hides a rate.
 #pragma once
 #include <vector>
 

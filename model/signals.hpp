@@ -15,7 +15,7 @@ namespace twinrate {
 inline constexpr int kMaxStates = 24;
 inline constexpr int kMaxOutputs = 4;
 
-// Bits of Measurement::signals: which fields a sensor really delivered.
+// Bits of Measurement::signals: the fields that a sensor delivered.
 enum Signal : int {
   kPhaseCurrents = 1,
   kVoltage = 2,

@@ -19,7 +19,7 @@ namespace twinrate {
 class StoodTime {
  public:
   static constexpr std::int64_t kPeriod_ns = 5'000'000, kSlack_ns = 10'000'000;
-  // The part of it that no earlier look counted.
+  // The part of the stopped time that no earlier call has counted.
   std::int64_t look(std::int64_t now_ns, std::int64_t noted_ns) {
     if (now_ns - noted_ns <= kPeriod_ns + kSlack_ns) return 0;
     const std::int64_t from = std::max(counted_until_ns_, noted_ns + kPeriod_ns);
@@ -55,7 +55,7 @@ class CpuWitness {
   CpuWitness(const CpuWitness&) = delete;
   CpuWitness& operator=(const CpuWitness&) = delete;
 
-  // As StoodTime. Does not block.
+  // As StoodTime::look(). Does not block.
   std::int64_t stood_ns(std::int64_t now_ns) { return stood_.look(now_ns, noted_ns_.load()); }
 
  private:

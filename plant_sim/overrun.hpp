@@ -32,16 +32,16 @@ class ThreadClock {
   int schedstat_;
 };
 
-// How late, and why, in words. `spent`: from the last tick's begin to this one's.
+// Text with the delay and its cause. `spent`: from the begin of the last tick to that of this one.
 std::string late_text(const ThreadTimes& spent, std::int64_t late_ns, std::int64_t period_ns);
 
-// At most one event of a kind in 100 ms, except one that is twice as large; the others are counted.
-// An event for every tick of a late drive would make it later.
+// Limits events of one kind to one in 100 ms, except one that is twice as large; the others are
+// counted. An event for every tick of a late drive would delay the drive further.
 class PacedEvents {
  public:
-  // The text to send, with the number of those between; "": none now.
+  // The text to send, with the number of the events since the last one; "": none now.
   std::string take(std::int64_t t_ns, std::int64_t size, const std::string& text);
-  // Not reported yet.
+  // Number of events that are not reported yet.
   std::int64_t since() const { return since_; }
 
  private:

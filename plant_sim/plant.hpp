@@ -61,7 +61,7 @@ class Plant {
   bool advance();
   // True if advance() would hold the last command because the due one has not arrived.
   bool command_is_missing() const;
-  // Another command of the same tick is there already.
+  // True if another command of the same tick has already arrived.
   bool contradicts(const Command& command) const;
   // Off from the next advance() on, for every command.
   void emergency_stop() { emergency_stop_ = true; }

@@ -50,7 +50,7 @@ class SampleErrors {
   double late_speed(double omega_m) { return speed_filter_.pass(speed_delay_.pass(omega_m)); }
   bool angle_is_late() const;
 
-  // `current_sensors`: with two the third phase is made up from the others.
+  // `current_sensors`: with two, the third phase is computed from the others.
   Vec3 converted(const Vec3& i_abc, int current_sensors) const;
   // MEASUREMENT(k) after `before`, MEASUREMENT(k-1).
   void spoil_row(Measurement& m, const Measurement& before) const;

@@ -210,7 +210,7 @@ struct GainAndCovariance {
 };
 
 // "sequential": one output after the other, each a division by a number instead of an inverse of S.
-// No determinant is formed, so nothing cancels where R is small against P^-. R must be diagonal.
+// No determinant is formed, so nothing cancels if R is small compared with P^-. R must be diagonal.
 //
 //   k_j   = P e_j/(P_jj + R_j)         for j = 0, 1
 //   P    <- P - k_j (P e_j)'           row j by P e_j = k_j R_j
