@@ -13,7 +13,8 @@
 #include "core/output_file.hpp"
 #include "core/percent_line.hpp"
 #include "core/process.hpp"
-#include "drive_log/drive_logs.hpp"
+#include "drive_log/log_reader.hpp"
+#include "import/drive_rows.hpp"
 #include "import/exported_log.hpp"
 #include "import/guess.hpp"
 #include "import/import_log.hpp"
@@ -42,7 +43,7 @@ std::string tick_text(const Json& s) {
   return text;
 }
 
-void print_result(const ImportOptions& o, const Json& s) {
+void print_result(const ImportOptions& o, const Json& s, bool time_fits) {
   const auto list = [](const Json& items) {
     std::string text;
     for (const auto& item : items) text += (text.empty() ? "" : ", ") + item.get<std::string>();
@@ -57,7 +58,7 @@ void print_result(const ImportOptions& o, const Json& s) {
              f_s);
   fmt::print("  ticks     {}\n", tick_text(s));
   for (const auto& note : s["notes"]) fmt::print("  note      {}\n", note.get<std::string>());
-  if (median * f_s > 1.5 && s["warnings"].empty())
+  if (median * f_s > 1.5 && time_fits)
     fmt::print(
         "warning: the samples are {:.3g} ticks of {} Hz apart; use --set rates.f_s_Hz={:.6g} for a "
         "log without gaps\n",
@@ -65,27 +66,32 @@ void print_result(const ImportOptions& o, const Json& s) {
   for (const auto& text : s["warnings"]) fmt::print("warning: {}\n", text.get<std::string>());
 }
 
-// Units and conventions of the file that do not fit the drive, as `trace` finds them; one line each.
-std::vector<std::string> unit_warnings(const ImportOptions& o, const DriveConfig& drive) {
-  constexpr double kMemory_MiB = 64;
-  std::vector<std::string> warnings;
+// Units and conventions of the file that do not fit the drive.
+struct UnitCheck {
+  std::vector<std::string> warnings;  // one line each
+  bool time_fits = true;
+};
+// As `trace` finds them, of the first rows.
+UnitCheck check_units(const ImportOptions& o, const ImportMap& map, const DriveConfig& drive) {
+  constexpr std::size_t kRows = 50'000;
+  UnitCheck check;
   try {
-    const DriveLogs logs =
-        read_drive_logs({.data = {o.file},
-                         .held_out = {},
-                         .maps = o.map.empty() ? std::vector<std::string>{} : std::vector{o.map},
-                         .repair = o.repair,
-                         .memory_MiB = kMemory_MiB},
-                        drive);
+    const auto log =
+        open_log(o.file, o.map.empty() ? nullptr : &map, o.repair, drive.inverter.v_dc);
+    RawLog raw;
+    log->next(raw, kRows);
+    if (log->may_wrap()) unwrap_turns(raw.theta_m);
+    Health health;
+    const Record record = make_record(raw, drive.machine.n_p, health, drive.sensors.encoder_counts);
     for (const Inconsistency& i :
-         inconsistencies(logs.record, logs.health, drive.facts(), drive.sensors.encoder_counts))
-      warnings.push_back(fmt::format("{} is expected to be {}, the file has {}{}", i.quantity,
-                                     i.expected, i.found,
-                                     i.hint.empty() ? "" : fmt::format(" ({})", i.hint)));
+         inconsistencies(record, health, drive.facts(), drive.sensors.encoder_counts)) {
+      check.warnings.push_back(inconsistency_in_words(i));
+      check.time_fits = check.time_fits && i.quantity != "t";
+    }
   } catch (const BadInput& error) {
-    warnings.push_back(fmt::format("units are not checked: {}", error.what()));
+    check.warnings.push_back(fmt::format("units are not checked: {}", error.what()));
   }
-  return warnings;
+  return check;
 }
 
 Config drive_of(const ImportOptions& o, const ImportMap& map) {
@@ -185,12 +191,13 @@ void import(const ImportOptions& o) {
   Json source =
       import_log({.file = o.file, .map = o.map, .out = o.out, .repair = o.repair}, map, config,
                  [&](const std::string& what, double share) { line.show(what, share); });
-  source["warnings"] = unit_warnings(o, config.drive());
   line.clear();
+  const UnitCheck units = check_units(o, map, config.drive());
+  source["warnings"] = units.warnings;
   if (o.json)
     std::cout << source.dump() << "\n";
   else
-    print_result(o, source);
+    print_result(o, source, units.time_fits);
 }
 
 }  // namespace

@@ -156,14 +156,17 @@ std::string sign_in_doubt(const Record& record, const DriveFacts& facts) {
          "speed";
 }
 
+std::string inconsistency_in_words(const Inconsistency& i) {
+  return fmt::format("{} is expected to be {}, the log has {} ({})", i.quantity, i.expected,
+                     i.found, i.hint);
+}
+
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health) {
   TraceResult r;
   r.verdict = "inconsistent";
-  const Inconsistency& first = found.front();
-  r.sentence = fmt::format(
-      "The log and the drive file do not belong together: {} is expected to be {}, the log has {} "
-      "({}). No effect is traced.",
-      first.quantity, first.expected, first.found, first.hint);
+  r.sentence =
+      fmt::format("The log and the drive file do not belong together: {}. No effect is traced.",
+                  inconsistency_in_words(found.front()));
   r.health = health.lines();
   r.inconsistent = std::move(found);
   return r;

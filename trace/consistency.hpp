@@ -24,6 +24,8 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
 // If the speed is held and the currents are too small to show in the voltage, the log does not
 // distinguish such an error from a load that drives the motor.
 std::string sign_in_doubt(const Record& record, const DriveFacts& facts);
+// One of them as a message: quantity, expected, found, hint.
+std::string inconsistency_in_words(const Inconsistency& inconsistency);
 // The result of a trace that ends at this check: verdict and sentence, no effect.
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health);
 
