@@ -23,7 +23,7 @@ constexpr double kSmallestTorque_Nm = 6e-3;  // of a drive of 8 Nm
 constexpr double kChance = 1e-9;             // probability that noise makes such means
 constexpr double kLeastBesideShaft = 0.15;   // a model never meets impacts exactly
 constexpr double kTimesNoise = 2;            // ratio of an rms that exceeds the noise
-// The same without a claim: of 290 drawn logs with nothing missing three exceed it, for other reasons.
+// The same without a claim. Of 299 drawn logs with nothing missing three exceed it.
 constexpr double kTimesNoiseAlone = 4;
 constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: then no axis is shown
 constexpr double kLeastShare = 0.04;  // of the residual's power: a smaller part is not visible
@@ -326,10 +326,7 @@ Structure slow_torque(const Chain& chain, const Sampled& physical, const Structu
               .share = 1 - 1 / (over * over),
               .equation = "mechanical",
               .channel = "torque"};
-  s.text = fmt::format(
-      "the residual of the torque, {:.3g} Nm, is {:.3g} times the noise floor, both whitened by "
-      "the noise of the sensors",
-      rms, over);
+  s.text = torque_in_words(rms, over);
   return s;
 }
 

@@ -1,5 +1,7 @@
 #include "trace/torque_over_sensors.hpp"
 
+#include <fmt/format.h>
+
 #include <cmath>
 
 namespace twinrate {
@@ -34,6 +36,13 @@ double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen:
       std::hypot(flat(noise, runs).norm(), flat(between_rows(chain, of_motor), runs).norm(),
                  flat(between_rows(chain, of_load), runs).norm());
   return flat(left.torque, runs).norm() / floor;
+}
+
+std::string torque_in_words(double rms, double over) {
+  return fmt::format(
+      "after whitening, the residual of the torque ({:.3g} Nm rms) is {:.3g} times that of white "
+      "noise on the readings",
+      rms, over);
 }
 
 }  // namespace twinrate

@@ -69,7 +69,8 @@ TraceResult traced_beside(double share) {
 TEST(Tracer, ASlowTorqueThatItCannotNameIsUnexplained) {
   const TraceResult r = traced_beside(0.5);
   EXPECT_EQ(r.verdict, "unexplained") << r.sentence;
-  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
+  EXPECT_NE(r.sentence.find("times that of white noise on the readings"), std::string::npos)
+      << r.sentence;
   EXPECT_TRUE(r.effects.empty()) << r.sentence;
 }
 
@@ -77,7 +78,8 @@ TEST(Tracer, ASlowTorqueThatItCannotNameIsUnexplained) {
 TEST(Tracer, ASmallerSlowTorqueIsADoubt) {
   const TraceResult r = traced_beside(0.25);
   EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
-  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
+  EXPECT_NE(r.sentence.find("times that of white noise on the readings"), std::string::npos)
+      << r.sentence;
 }
 
 }  // namespace

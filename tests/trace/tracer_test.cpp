@@ -312,7 +312,8 @@ TEST(Tracer, ATorqueFarAboveTheSensorNoiseIsUnexplained) {
   const TraceResult r = trace_of(simulate_synthetic(drive));
   EXPECT_EQ(kinds(r), Names{}) << r.sentence;
   EXPECT_EQ(r.verdict, "unexplained");
-  EXPECT_NE(r.sentence.find("times the noise floor"), std::string::npos) << r.sentence;
+  EXPECT_NE(r.sentence.find("times that of white noise on the readings"), std::string::npos)
+      << r.sentence;
 }
 
 TEST(Tracer, ATorquePeriodicInTimeIsOutsideTheCatalogue) {
