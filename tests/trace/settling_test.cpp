@@ -123,7 +123,7 @@ TEST(Settling, AFrictionTakesAnotherShapeOnlyWhereItPaysForItsKeys) {
     const auto law = effect_with("coulomb_friction", {{"torque_Nm", torque}});
     const auto truth = law->clone();
     set_key(*truth, "smooth_rad_s", kSmooth);
-    const Members members = settled(simulate_synthetic(drive), {std::move(truth)}, {law});
+    const Members members = settled(simulate_synthetic(drive), {truth}, {law});
     return members.size() == 1 ? get_key(*members[0], "smooth_rad_s") : 0;
   };
   EXPECT_EQ(smoothing(0.04), get_key(*make_effect("coulomb_friction"), "smooth_rad_s"));
