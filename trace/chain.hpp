@@ -5,6 +5,7 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <mutex>
 
 #include "trace/equations.hpp"
 #include "trace/hooks.hpp"
@@ -62,9 +63,11 @@ class Chain {
         const Sampler& sampler)
       : equations_(equations), answered_(answered), readings_(readings), sampler_(sampler) {}
 
-  // `stop` is called before every slow step; if it returns true, the step throws TraceStopped.
+  // `stop` is called before every slow step, by one thread at a time; if it returns true, the step
+  // throws TraceStopped.
   void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
   void checkpoint() const {
+    const std::lock_guard lock(asks_to_stop_);
     if (stop_ && stop_()) throw TraceStopped{};
   }
   // If an encoder rounds: makes the record with moved counts (with_moved_counts).
@@ -120,6 +123,7 @@ class Chain {
   const Sampler& sampler_;
   NoiseModel noise_;
   std::function<bool()> stop_;
+  mutable std::mutex asks_to_stop_;
   std::function<Record()> moved_counts_;
   mutable std::deque<Remembered> memory_;  // the latest last
 };

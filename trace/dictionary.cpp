@@ -6,6 +6,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 
 namespace twinrate {
 namespace {
@@ -111,20 +112,22 @@ void renew_corrected(const Chain& chain, const Effects& effects, std::vector<Can
                      const std::function<bool(const Effect&)>& which) {
   const Record record = chain.equations().without_errors(effects);
   const Equations corrected(record, chain.equations().facts());
-  for (Candidate& candidate : sampled) {
-    if (!which(*candidate.effect)) continue;
+  for_each_index(sampled.size(), [&](std::size_t i) {
+    Candidate& candidate = sampled[i];
+    if (!which(*candidate.effect)) return;
     const std::vector<Sampled> there = chain.columns_of(corrected, *candidate.effect);
     for (std::size_t r = 0; r < there.size(); ++r) {
       candidate.columns[r].d = there[r].d;
       candidate.columns[r].q = there[r].q;
       candidate.columns[r].torque = there[r].torque;
     }
-  }
+  });
 }
 
 }  // namespace
 
-std::vector<Candidate> make_candidates(const Chain& chain) {
+std::vector<Candidate> make_candidates(const Chain& chain,
+                                       const std::function<bool(const Effect&)>& wanted) {
   const Equations& equations = chain.equations();
   std::vector<Candidate> candidates;
   const Record& record = equations.record();
@@ -147,17 +150,19 @@ std::vector<Candidate> make_candidates(const Chain& chain) {
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
       if (acts == kOnSpeed) return;  // it is in no equation
+      if (wanted && !wanted(*at_grid)) return;
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnVoltage && !u_moves) return;
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnCurrents && !i_moves) return;
-      Candidate candidate{.effect = at_grid, .columns = {}};
-      if (at_grid->tracing().regressor_count() == 0) {
-        candidate.columns.push_back(chain.contribution(*at_grid));
-      } else {
-        candidate.columns = chain.columns(*at_grid);
-      }
-      candidates.push_back(std::move(candidate));
+      candidates.push_back({.effect = at_grid, .columns = {}});
     });
   }
+  for_each_index(candidates.size(), [&](std::size_t i) {
+    auto& [effect, columns] = candidates[i];
+    if (effect->tracing().regressor_count() == 0)
+      columns.push_back(chain.contribution(*effect));
+    else
+      columns = chain.columns(*effect);
+  });
   return candidates;
 }
 
@@ -200,12 +205,12 @@ bool Dictionary::renew(const Chain& chain, const Effects& effects) {
 
 void Dictionary::whiten(const Chain& chain, bool renewed_only) {
   whitened.resize(sampled.size());
-  for (std::size_t i = 0; i < sampled.size(); ++i) {
-    if (renewed_only && !is_renewed(*sampled[i].effect)) continue;
+  for_each_index(sampled.size(), [&](std::size_t i) {
+    if (renewed_only && !is_renewed(*sampled[i].effect)) return;
     whitened[i].effect = sampled[i].effect;
     whitened[i].columns.clear();
     for (const Sampled& x : sampled[i].columns) whitened[i].columns.push_back(chain.regressor(x));
-  }
+  });
 }
 
 Rows::Rows(const Sampler& sampler, bool held_out) {

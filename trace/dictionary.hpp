@@ -33,9 +33,10 @@ struct Dictionary {
   } beside;
 };
 
-// Candidates of every considered kind with traced_keys() that the record's signals allow. The
-// columns are sampled, not yet whitened.
-std::vector<Candidate> make_candidates(const Chain& chain);
+// Candidates of every considered kind with traced_keys() that the record's signals allow, or the
+// `wanted` ones of them. The columns are sampled, not yet whitened.
+std::vector<Candidate> make_candidates(const Chain& chain,
+                                       const std::function<bool(const Effect&)>& wanted = {});
 
 // An inner product, or the part of it that noise adds, by equation.
 struct EquationEnergy {

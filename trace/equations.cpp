@@ -378,7 +378,10 @@ Channels Equations::contribution(const Effect& effect) const {
   if (!(effect.acts_on() & kSensing)) {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
-      if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, 0);
+      {
+        const std::lock_guard lock(makes_motor_);
+        if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, 0);
+      }
       motor_->along(shaft, x.torque);
       Bend<double> torques{0};
       for (std::size_t k = 0; k < points_.size(); ++k) {

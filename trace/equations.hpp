@@ -32,6 +32,7 @@
 // equations at once. Residuals are in V and Nm.
 #pragma once
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -156,6 +157,7 @@ class Equations {
   Channels base_;
   mutable UndoneSensing undone_;            // the kept one
   mutable std::optional<MotorSide> motor_;  // of the record as measured; made for the first shaft
+  mutable std::mutex makes_motor_;
 };
 
 }  // namespace twinrate

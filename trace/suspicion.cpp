@@ -7,6 +7,7 @@
 #include "model/effects/tracing.hpp"
 #include "trace/dictionary.hpp"
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 #include "trace/thinning.hpp"
 
 namespace twinrate {
@@ -234,15 +235,14 @@ std::optional<std::size_t> suspicious_row(const Record& whole, const DriveConfig
   const Blocks blocks(chain, white, edges);
   const std::vector<Split> splits = splits_of(edges, thin_seams);
   Suspect best;
-  for (const Candidate& candidate : make_candidates(chain)) {
-    const Effect& effect = *candidate.effect;
-    if (effect.tracing().traits().noise == Traits::Noise::kMimics || is_shaft(effect) ||
-        effect.tracing().regressor_count() == 0 || has_key(effect, "time_s"))
-      continue;
-    std::vector<Sampled> columns;
-    for (const Sampled& column : candidate.columns) columns.push_back(chain.whitened(column));
-    look(blocks.of(columns), splits, best);
-  }
+  std::vector<Candidate> candidates = make_candidates(chain, [](const Effect& effect) {
+    return effect.tracing().traits().noise != Traits::Noise::kMimics && !is_shaft(effect) &&
+           effect.tracing().regressor_count() > 0 && !has_key(effect, "time_s");
+  });
+  for_each_index(candidates.size(), [&](std::size_t i) {
+    for (Sampled& column : candidates[i].columns) column = chain.whitened(column);
+  });
+  for (const Candidate& candidate : candidates) look(blocks.of(candidate.columns), splits, best);
   if (best.gain <= 0) return std::nullopt;
   for (std::size_t s = 0; s < seams.size(); ++s)
     if (best.row == thin_seams[s]) return seams[s];

@@ -3,6 +3,9 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <vector>
+
+#include "trace/parallel.hpp"
 
 namespace twinrate {
 namespace {
@@ -35,22 +38,28 @@ Eigen::VectorXd Unexplained::weighed(const Eigen::VectorXd& pieces) const {
 
 void Unexplained::look_at(const Columns& x) {
   x_ = x;
+  if (x.empty()) return;
   const auto p = static_cast<Eigen::Index>(x.size());
-  std::vector<Eigen::Index> anew;
-  for (Eigen::Index c = 0; c < p; ++c) {
-    const Eigen::VectorXd column = weighed(gathered(*x[static_cast<std::size_t>(c)]));
-    if (X_.rows() != column.size() || X_.cols() != p) {
-      X_ = Eigen::MatrixXd::Zero(column.size(), p);
-      scale_ = Eigen::VectorXd::Zero(p);
-      G_ = Eigen::MatrixXd::Zero(p, p);
-    }
+  const Eigen::Index rows = gathered(*x[0]).size();
+  if (X_.rows() != rows || X_.cols() != p) {
+    X_ = Eigen::MatrixXd::Zero(rows, p);
+    scale_ = Eigen::VectorXd::Zero(p);
+    G_ = Eigen::MatrixXd::Zero(p, p);
+  }
+  std::vector<char> changed(x.size(), 0);
+  for_each_index(x.size(), [&](std::size_t i) {
+    const auto c = static_cast<Eigen::Index>(i);
+    const Eigen::VectorXd column = weighed(gathered(*x[i]));
     const double norm = column.norm(), scale = norm > 0 ? 1 / norm : 0;
     const Eigen::VectorXd unit = scale * column;
-    if (scale == scale_[c] && unit == X_.col(c)) continue;
+    if (scale == scale_[c] && unit == X_.col(c)) return;
     X_.col(c) = unit;
     scale_[c] = scale;
-    anew.push_back(c);
-  }
+    changed[i] = 1;
+  });
+  std::vector<Eigen::Index> anew;
+  for (Eigen::Index c = 0; c < p; ++c)
+    if (changed[static_cast<std::size_t>(c)]) anew.push_back(c);
   if (2 * anew.size() > x.size()) {
     G_.setZero();
     G_.selfadjointView<Eigen::Lower>().rankUpdate(X_.transpose());
