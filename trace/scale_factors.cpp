@@ -1,10 +1,11 @@
 #include "trace/scale_factors.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <numeric>
 #include <vector>
+
+#include "model/linear_algebra.hpp"
 
 namespace twinrate {
 namespace {
@@ -52,12 +53,12 @@ class BlockLeastSquares {
     Row inverse = scale_;
     for (double& s : inverse) s = s > 0 ? 1 / s : 0;
     const Matrix D = inverse.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Matrix> parts(Matrix(D * A * D));
+    const auto [values, vectors] = linear::symmetric_eigen(D * A * D);
     Matrix inverted = Matrix::Zero();
     for (int j = 0; j < N; ++j) {
-      const Row direction = parts.eigenvectors().col(j);
-      if (parts.eigenvalues()[j] > kSameColumn)
-        inverted += direction * direction.transpose() / parts.eigenvalues()[j];
+      const Row direction = vectors.col(j);
+      if (values[j] > kSameColumn)
+        inverted += direction * direction.transpose() / values[j];
       else
         hidden_ += direction.cwiseAbs2();
     }
