@@ -7,12 +7,16 @@ function(twinrate_part name user)
   add_library(${target} MODULE ${part_SOURCES})
   target_link_libraries(${target} PRIVATE twinrate_options ${part_LINK})
   target_link_options(${target} PRIVATE LINKER:--as-needed)
+  # A part that only hands over functions of its library calls none of libc. Debian's policy asks for libc in every
+  # shared object.
+  target_link_libraries(${target} PRIVATE -Wl,--push-state,--no-as-needed -lc -Wl,--pop-state)
   if(NOT TWINRATE_SANITIZE)  # the program has the functions of the sanitizers
     target_link_options(${target} PRIVATE LINKER:--no-undefined)
   endif()
   set_target_properties(${target} PROPERTIES PREFIX twinrate- OUTPUT_NAME ${name} CXX_VISIBILITY_PRESET hidden
                         VISIBILITY_INLINES_HIDDEN ON LIBRARY_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/parts)
   set_source_files_properties(${part_SOURCES} PROPERTIES SKIP_PRECOMPILE_HEADERS ON)
-  install(TARGETS ${target} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/twinrate)
+  # Two levels below lib: CPack takes lib/NAME for a directory of ldconfig.
+  install(TARGETS ${target} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}/twinrate/parts)
   add_dependencies(${user} ${target})
 endfunction()

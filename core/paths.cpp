@@ -53,7 +53,7 @@ std::string data_directory() {
 
 std::string parts_directory() {
   const std::string installed = installed_directory(TWINRATE_LIBRARIES);
-  return installed.empty() ? TWINRATE_BUILD_DIR "/parts" : installed;
+  return (installed.empty() ? TWINRATE_BUILD_DIR : installed) + "/parts";
 }
 
 }  // namespace twinrate
