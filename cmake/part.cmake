@@ -7,9 +7,9 @@ function(twinrate_part name user)
   add_library(${target} MODULE ${part_SOURCES})
   target_link_libraries(${target} PRIVATE twinrate_options ${part_LINK})
   target_link_options(${target} PRIVATE LINKER:--as-needed)
-  # A part that only hands over functions of its library calls none of libc. Debian's policy asks for libc in every
-  # shared object.
-  target_link_libraries(${target} PRIVATE -Wl,--push-state,--no-as-needed -lc -Wl,--pop-state)
+  # The compiler's own libraries follow, all of them: a part that only hands over functions of its library calls none of
+  # libc, but Debian's policy asks for libc in every shared object.
+  target_link_libraries(${target} PRIVATE -Wl,--no-as-needed)
   if(NOT TWINRATE_SANITIZE)  # the program has the functions of the sanitizers
     target_link_options(${target} PRIVATE LINKER:--no-undefined)
   endif()
