@@ -82,7 +82,8 @@ std::vector<std::string_view> lines_of(std::string_view text) {
 
 void SteeringParameters::fields(FieldVisitor& f) {
   f.number("hold_s", hold_s, 0, 3600,
-           "time for which the drive holds after who steers it fell silent; then it stops");
+           "time for which the drive holds after the last heartbeat of the holder of the control; "
+           "then it stops");
   f.number("ramp_rad_s2", ramp_rad_s2, 1e-3, 1e9,
            "slope of the speed reference at start and stop, electrical");
   f.number("load_max_Nm", load_max, 0, 1e6,

@@ -135,8 +135,8 @@ void find_motion(const Experiment& e, const std::vector<SpinRun>& segments, Iden
   const double J_share = std::hypot(solution.sigma[0] / solution.x[0], kErrorOfJ);
   if (assisting < 0)
     found.notes.push_back(
-        fmt::format("Coulomb friction: {:.2g} Nm fits best, a torque that drives; left out, B_Nms "
-                    "is that of a fit without it",
+        fmt::format("Coulomb friction: {:.2g} Nm fits best, a driving torque; it is left out, and "
+                    "B_Nms is that of a fit without it",
                     assisting * J));
   const auto scaled = [&solution = solution, J, J_share](Eigen::Index term) {
     return Found{solution.x[term] * J,

@@ -324,8 +324,7 @@ void find_resistance(Experiment& e, Identified& found) {
   if (found.R_s_drifts)
     found.notes.push_back(
         fmt::format("R_s: changed by {:+.2g} % while the direct currents were on (a winding that "
-                    "warms?); it is "
-                    "that of their begin",
+                    "warms?); R_s is that of their beginning",
                     100 * best.drift / best.R_s.value));
   if (found.loss.V.value != 0 && found.loss.i_linear > 0.5 * e.i_max())
     found.notes.push_back(

@@ -238,7 +238,7 @@ void note_the_rest(Guess& guess) {
   for (GuessedColumn& c : guess.columns)
     if ((time || time_named) && std::find(fixed.begin(), fixed.end(), c.canonical) != fixed.end())
       drop(c, "of sets without time only; a drive log has u_alpha, u_beta or u_d, u_q");
-  if (!time) guess.notes.emplace_back("no time is understood: a drive log needs [time]");
+  if (!time) guess.notes.emplace_back("no time column is recognised: a drive log needs [time]");
   const bool dq = guess.has("i_d") || guess.has("i_q");
   if (time && dq && !guess.has("theta_m"))
     guess.notes.emplace_back(

@@ -312,7 +312,7 @@ static Meaning meaning_of_plain(const std::string& name, const std::vector<std::
 Meaning meaning_of(const std::string& name, const std::vector<std::string>& columns) {
   const Meaning meaning = meaning_of_plain(name, columns);
   if (!meaning.canonical.empty() && is_formula(name))
-    return {.reason = "the name holds more than a quantity"};
+    return {.reason = "the name contains more than a quantity"};
   return meaning;
 }
 

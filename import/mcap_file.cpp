@@ -67,7 +67,7 @@ void unpack_lz4(std::string_view packed, std::size_t size, std::string& out) {
     done += to;
     packed.remove_prefix(from);
   }
-  if (done != size) throw McapDamage{"a chunk has another length than it says (lz4)"};
+  if (done != size) throw McapDamage{"a chunk has another length than its header says (lz4)"};
 }
 
 class McapReader {
@@ -120,11 +120,11 @@ class McapReader {
                                                          unpacked_);
       records = unpacked_;
     } else if (!compression.empty()) {
-      throw McapDamage{"a chunk is packed in another way than zstd or lz4"};
+      throw McapDamage{"a chunk has a compression other than zstd or lz4"};
     }
     const auto* bytes = reinterpret_cast<const unsigned char*>(records.data());
     if (crc != 0 && crc != crc32_z(0, bytes, records.size()))
-      throw McapDamage{"a chunk has another check sum than it says"};
+      throw McapDamage{"a chunk has another check sum than its header says"};
     for (Fields in(records); !in.rest().empty();) {
       const auto opcode = in.number<std::uint8_t>();
       record(opcode, in.take(in.number<std::uint64_t>()), true);

@@ -58,7 +58,7 @@ TraceResult run(const TraceJob& job, std::function<bool()> stop) {
   if (static_cast<double>(usable) < kUsableShare * static_cast<double>(judging)) {
     TraceResult nothing;
     nothing.verdict = "ambiguous";
-    nothing.sentence = "Cannot tell: most rows that were to judge cannot be used.";
+    nothing.sentence = "Cannot tell: most held-out rows cannot be used.";
     return nothing;
   }
   TraceSettings settings{.stop = std::move(stop)};
@@ -251,7 +251,7 @@ void LiveMonitor::traced(const TraceResult& result) {
   const bool unexplained = result.verdict == "unexplained";
   if (unexplained && restarts_ == kMaxRestarts) {
     proposed_.clear();
-    report_no_result("Not added, for a part is unexplained beside it. " + result.sentence);
+    report_no_result("Not added, because a part beside it is unexplained. " + result.sentence);
     return;
   }
   if (restarts_ < kMaxRestarts && (unexplained || !fits_throughout())) {

@@ -95,9 +95,9 @@ Json table_section(const char* heading, const char* note, Json table) {
 Json files(const TraceResult& r) {
   return table_section(
       "Each file",
-      "Rms error of the main equation over the rows of the file that judge, or over all its rows "
-      "where none do: with the drive file as it is, with the effects above, of predicting that "
-      "nothing changes, and of the noise alone. A dash: not known, or nothing changes with time.",
+      "Rms error of the main equation over the held-out rows of the file, or over all its rows if "
+      "none is held out: with the drive file as it is, with the effects above, with a prediction "
+      "of no change, and of the noise alone. A dash: not known, or nothing changes with time.",
       files_table(r));
 }
 

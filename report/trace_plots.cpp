@@ -164,7 +164,7 @@ Plot over_share(const Rows& rows, std::size_t half) {
                    smooth(rows.view.share, rows.s.t, rows.s.rate_Hz, half));
   plot.points.e = smooth(rows.view.without, rows.s.t, rows.s.rate_Hz, half);
   plot.points.share = plot.points.x;
-  plot.note = "If the effect is there, points stand on the line of slope one.";
+  plot.note = "If the effect is present, the points lie on the line of slope one.";
   return plot;
 }
 

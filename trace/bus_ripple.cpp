@@ -320,7 +320,8 @@ BusRipple RippleSearch::find() {
   const double sigma = floor_ * std::sqrt(2 / static_cast<double>(rows_in(training_)));
   if (kToBeSeen * sigma > smallest_)
     found.blind =
-        fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma / smallest_);
+        fmt::format("one standard deviation is {:.2g} times the smallest size worth reporting",
+                    sigma / smallest_);
   if (lines_.empty()) return found;
   found.own_clocks = own_clocks_;
   found.error = error();

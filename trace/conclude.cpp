@@ -123,9 +123,10 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
       r.not_identifiable.emplace_back(kind, noise->text);
     } else if (estimate.count(kind)) {
       r.not_identifiable.emplace_back(
-          kind, fmt::format("its estimate is {:.2g} times the smallest size worth reporting, and "
-                            "that was not confirmed",
-                            estimate[kind]));
+          kind,
+          fmt::format(
+              "its estimate of {:.2g} times the smallest size worth reporting was not confirmed",
+              estimate[kind]));
     } else if (kBlind * sigma < 1) {
       r.identifiable.push_back(kind);
     } else {
@@ -133,7 +134,9 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
           kind,
           sigma > 1e8
               ? "this record does not excite it"
-              : fmt::format("one sigma is {:.2g} of the smallest size worth reporting", sigma));
+              : fmt::format(
+                    "one standard deviation is {:.2g} times the smallest size worth reporting",
+                    sigma));
     }
   }
 }
@@ -228,8 +231,8 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
 std::string against_no_change(const EquationError& e, double horizon_s) {
   if (e.after.held_out <= e.no_change) return "";
   return fmt::format(
-      ". Predicting no change over {:.3g} ms leaves {:.3g} {}: so little changes in this log that "
-      "it does not show how well the model predicts",
+      ". A prediction of no change over {:.3g} ms has an error of {:.3g} {}: this log changes too "
+      "little to show how well the model predicts",
       1e3 * horizon_s, e.no_change, e.unit);
 }
 
@@ -356,12 +359,13 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
   if (!why.empty()) {
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
-        "Cannot tell whether the model lacks more than the samples show: {}. {}", why, r.sentence);
+        "Cannot tell whether the model lacks more effects than the samples show: {}. {}", why,
+        r.sentence);
   } else if (const Refused* refused = refusal_to_tell(r)) {
     r.verdict = "ambiguous";
-    r.sentence =
-        fmt::format("Cannot tell whether the model lacks more than the samples show: {}. {}",
-                    refusal_in_words(*refused), r.sentence);
+    r.sentence = fmt::format(
+        "Cannot tell whether the model lacks more effects than the samples show: {}. {}",
+        refusal_in_words(*refused), r.sentence);
   }
 }
 
@@ -411,11 +415,10 @@ void name_the_others(const Equations& equations, TraceResult& r) {
     if (told.count(kind)) continue;
     const bool in_no_row = torque_only && make_effect(kind)->tracing().traits().equation ==
                                               Traits::Equation::kElectrical;
-    r.not_identifiable.emplace_back(kind,
-                                    in_no_row ? "no row has a voltage equation"
-                                    : equations.needs_missing_i_d(*make_effect(kind))
-                                        ? "it shows by i_d, which is not in the log"
-                                        : "how small a one this record would show is not computed");
+    r.not_identifiable.emplace_back(kind, in_no_row ? "no row has a voltage equation"
+                                          : equations.needs_missing_i_d(*make_effect(kind))
+                                              ? "it requires i_d, which is not in the log"
+                                              : "its smallest visible size is not computed");
   }
 }
 

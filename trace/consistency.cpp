@@ -37,12 +37,12 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
       f.T_load.value > 0 && f.K_t_J.known() && std::abs(f.K_t_J.log()) > std::abs(f.T_load.log());
   if (out.T_load && of_motor)
     found.push_back({"i", "a torque K_t i_q that carries T_load",
-                     fmt::format("the motion shows {:.3g} of it", f.K_t_J.value),
+                     fmt::format("the motion shows {:.3g} times that", f.K_t_J.value),
                      "rms instead of peak values, a scale of the currents, or K_t?"});
   else if (out.T_load)
     found.push_back(
         {"T_load", "in Nm, positive against positive speed",
-         fmt::format("the motion shows {:.3g} of it, with the declared J", f.T_load.value),
+         fmt::format("the motion shows {:.3g} times that, with the declared J", f.T_load.value),
          f.T_load.value < 0 ? "its sign?" : "its unit or scale?"});
   return found;
 }

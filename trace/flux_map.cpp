@@ -86,10 +86,10 @@ StaticTrace trace_flux_map(const StaticSet& set, const DriveFacts& facts,
     return Eigen::RowVectorXd(c.psi_dq.transpose());
   };
   p.readings = {psi_d, psi_q};
-  trace.held_out_rule = split_points(
-      set, i_d, i_q, held_out,
-      "every fourth point of the grid of i_d and i_q, as on a chess board; another fourth chose",
-      p);
+  trace.held_out_rule = split_points(set, i_d, i_q, held_out,
+                                     "every fourth point of the grid of i_d and i_q, as on a chess "
+                                     "board; another fourth made the selection",
+                                     p);
   const double i_d_max = largest(i_d), i_q_max = largest(i_q);
   p.possible = [m, i_d_max, i_q_max](const Effects& effects) {
     return flux_rises(effects, m, i_d_max, i_q_max);

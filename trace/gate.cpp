@@ -170,11 +170,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   for (std::size_t m = 0; m < members.size(); ++m) {
     const double size = members[m]->tracing().materiality(facts);
     if (size < 1)
-      refuse(m, "size", "", size, fmt::format("{:.2g} of the smallest size worth reporting", size));
+      refuse(m, "size", "", size,
+             fmt::format("{:.2g} times the smallest size worth reporting", size));
     if (resolution_)
       if (const double least = resolution_(*members[m]); size < least)
         refuse(m, "sensors", "", size / least,
-               fmt::format("{:.2g} of what the sensors and the rows of the log leave open",
+               fmt::format("{:.2g} times the size that the sensors and the rate of the log resolve",
                            size / least));
   }
   std::vector<std::string> paths;
@@ -199,7 +200,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     const Agreement a = parts.of(m, criterion_.sigmas);
     if (a.kept < criterion_.kept)
       refuse(m, "agreement", "", a.kept,
-             fmt::format("between {} {:.2g} of its gain is kept", a.between, a.kept));
+             fmt::format("{:.2g} of its gain is kept between {}", a.kept, a.between));
     if (a.compared < 2) refuse(m, "agreement", "", a.compared, "no two parts of the data show it");
     if (covariance.size() == 0) continue;
     const std::optional<double> wald = joint_wald(asked.fit, covariance, m);
@@ -207,7 +208,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     const double between = 1 - a.size_ratio;  // share of its size
     const double sigmas = 1 / std::hypot(1 / std::sqrt(*wald), between);
     if (sigmas >= criterion_.size_sigmas || !out[m].rule.empty()) continue;
-    refuse(m, "size", "", sigmas, fmt::format("{:.2g} deviations from nothing", sigmas));
+    refuse(m, "size", "", sigmas, fmt::format("{:.2g} standard deviations from zero", sigmas));
     out[m].wrong_kind = true;
   }
   const auto passes = [](const Refused& r) { return r.rule.empty(); };
@@ -247,7 +248,7 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
             .rule = "whole",
             .file = files_.files.empty() ? "" : files_.files[static_cast<std::size_t>(file)].path,
             .number = change,
-            .text = fmt::format("all together raise the error of the {} equation",
+            .text = fmt::format("all effects together raise the error of the {} equation",
                                 torque ? "torque" : "voltage")};
   }
   return std::nullopt;

@@ -262,7 +262,7 @@ void refuse_orders(Found& found, const Judge& judge, const TraceHooks& hooks, Tr
   r.refused.push_back({.kind = std::string(make_of(Traits::Family::kLag)->kind()),
                        .rule = "transfer",
                        .number = found.holding.lag,
-                       .text = "a filter of the current: rows that judge do not show it"});
+                       .text = "a filter of the current: the held-out rows do not show it"});
   found.holding.lag = found.holding.sigma_lag = found.holding.lag_share = 0;
   found.lag_is_of_current = false;
   refuse_sines(logs, hooks, found, r);

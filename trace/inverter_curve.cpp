@@ -54,9 +54,9 @@ StaticTrace trace_inverter_curve(const StaticSet& set, const DriveFacts& facts,
   };
   p.scale = Eigen::RowVectorXd::Ones(1);
   p.readings = {u};
-  trace.held_out_rule =
-      split_points(set, i, {}, held_out,
-                   "every fourth point in the order of the current; another fourth chose", p);
+  trace.held_out_rule = split_points(
+      set, i, {}, held_out,
+      "every fourth point in the order of the current; another fourth made the selection", p);
   double i_max = 0;
   for (const double value : i) i_max = std::max(i_max, std::abs(value));
   // As for inverter_drop and resistance.

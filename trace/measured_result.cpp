@@ -112,7 +112,9 @@ void identifiability(const StaticTrace& trace, TraceResult& r) {
       r.identifiable.push_back(kind);
     else if (!named)
       r.not_identifiable.emplace_back(
-          kind, fmt::format("one sigma is {:.2g} of the smallest size worth reporting", size));
+          kind,
+          fmt::format("one standard deviation is {:.2g} times the smallest size worth reporting",
+                      size));
   }
 }
 
@@ -205,8 +207,7 @@ TraceResult static_result(const StaticSet& set, const StaticTrace& trace, Static
   r.sources = {set.path};
   const StaticSelection& s = trace.selection;
   r.interrupted = s.interrupted;
-  r.health.push_back(
-      fmt::format("{} points; those that judge: {}", set.size(), trace.held_out_rule));
+  r.health.push_back(fmt::format("{} points; held out: {}", set.size(), trace.held_out_rule));
   for (std::size_t i = 0; i < s.after.terms.size(); ++i)
     r.effects.push_back(traced_effect(trace, i));
   r.refused = s.refused;

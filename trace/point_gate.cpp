@@ -104,7 +104,7 @@ Refused Asking::of_sensors(std::size_t m) const {
   if (counts >= 1) return {};
   return {.rule = "sensors",
           .number = counts,
-          .text = fmt::format("{:.2g} of one count of the readings", counts)};
+          .text = fmt::format("{:.2g} times one count of the readings", counts)};
 }
 
 Refused Asking::of_agreement(std::size_t m) const {
@@ -122,7 +122,7 @@ Refused Asking::of_agreement(std::size_t m) const {
   if (a.kept < criterion_.kept)
     return {.rule = "agreement",
             .number = a.kept,
-            .text = fmt::format("between {} {:.2g} of its gain is kept", a.between, a.kept)};
+            .text = fmt::format("{:.2g} of its gain is kept between {}", a.kept, a.between)};
   if (a.compared < 2)
     return {.rule = "agreement",
             .number = static_cast<double>(a.compared),
@@ -147,7 +147,7 @@ Refused Asking::of_size(std::size_t m) const {
   if (sigmas >= criterion_.size_sigmas) return {};
   return {.rule = "size",
           .number = sigmas,
-          .text = fmt::format("{:.2g} deviations from nothing", sigmas)};
+          .text = fmt::format("{:.2g} standard deviations from zero", sigmas)};
 }
 
 Refused Asking::of_rest(std::size_t m) const {
@@ -162,8 +162,9 @@ Refused Asking::of_rest(std::size_t m) const {
   if (times >= criterion_.times_left) return {};
   return {.rule = "whole",
           .number = times,
-          .text = fmt::format(
-              "all together take only {:.2g} times what no effect explains where it acts", times)};
+          .text = fmt::format("all effects together remove only {:.2g} times the energy that no "
+                              "effect explains in its rows",
+                              times)};
 }
 
 Refused Asking::of_whole(std::size_t& weakest) const {
@@ -182,7 +183,7 @@ Refused Asking::of_whole(std::size_t& weakest) const {
       return {.rule = "whole",
               .file = rows_.files[f],
               .number = after[f] / before[f] - 1,
-              .text = fmt::format("all together raise the error of {}",
+              .text = fmt::format("all effects together raise the error of {}",
                                   rows_.channels[static_cast<std::size_t>(channel)])};
     }
   }
@@ -204,9 +205,10 @@ PointAnswer Asking::answer() const {
   for (std::size_t m = 0; m < claims_.size(); ++m) {
     Refused why;
     if (claims_[m].size < 1)
-      why = {.rule = "size",
-             .number = claims_[m].size,
-             .text = fmt::format("{:.2g} of the smallest size worth reporting", claims_[m].size)};
+      why = {
+          .rule = "size",
+          .number = claims_[m].size,
+          .text = fmt::format("{:.2g} times the smallest size worth reporting", claims_[m].size)};
     if (why.rule.empty()) why = of_sensors(m);
     if (why.rule.empty()) why = transfer[m];
     if (why.rule.empty()) why = of_agreement(m);

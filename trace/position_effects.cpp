@@ -236,10 +236,10 @@ void add_resistance(const Found& found, const DriveFacts& facts, TraceResult& r)
          .rule = "transfer",
          .number = away,
          .text = unseen.sigma_R > 0
-                     ? fmt::format("the rows that judge give R_s = {:.3f} +- {:.3f} Ohm, those "
-                                   "fitted {:.3f} +- {:.3f} Ohm, declared {:.3f}",
+                     ? fmt::format("R_s is {:.3f} +- {:.3f} Ohm in the held-out rows and {:.3f} +- "
+                                   "{:.3f} Ohm in the fitted rows, declared {:.3f}",
                                    unseen.R, unseen.sigma_R, fitted.R, fitted.sigma_R, R_s)
-                     : std::string("no rows with a voltage were left to judge it")});
+                     : std::string("no held-out row has a voltage")});
     return;
   }
   set_key(*effect, "change_Ohm", change);
@@ -278,9 +278,8 @@ void add_voltage(const Found& found, const DriveFacts& facts, const Considered& 
     const char* separate = "the same sweep with the phase currents and both voltages logged";
     if (h.order == n_p)
       r.ambiguous.push_back({{"inverter_offset", "current_offset"},
-                             why +
-                                 ": an offset that stands still in stator axes, of the inverter or "
-                                 "of the current sensors",
+                             why + ": an offset that is constant in stator axes, of the inverter "
+                                   "or of the current sensors",
                              separate});
     else if (h.order == 2 * n_p)
       r.ambiguous.push_back({{"phase_asymmetry", "current_gain"}, why, separate});

@@ -42,12 +42,12 @@ void refuse_claims(Found& found, const Judge& judge, TraceResult& r) {
     const bool told = weakest.claim->told(found);
     weakest.claim->drop(found);
     if (!told) continue;
-    r.refused.push_back(
-        {.kind = weakest.claim->kind,
-         .rule = "transfer",
-         .number = weakest.p,
-         .text = fmt::format("rows that judge ({} pieces) fall with it by chance in {:.2g} of logs",
-                             weakest.votes, weakest.p)});
+    r.refused.push_back({.kind = weakest.claim->kind,
+                         .rule = "transfer",
+                         .number = weakest.p,
+                         .text = fmt::format("chance lowers the error of the held-out rows ({} "
+                                             "pieces) as far in a share of {:.2g} of logs",
+                                             weakest.votes, weakest.p)});
   }
 }
 
@@ -70,8 +70,8 @@ void refuse_whole(Found& found, const Judge& judge, TraceResult& r) {
                            .rule = "whole",
                            .file = log->path,
                            .number = std::sqrt(e.after / against),
-                           .text = rises ? "all together raise the error"
-                                         : "all together predict worse than no change"});
+                           .text = rises ? "all effects together raise the error"
+                                         : "all effects together predict worse than no change"});
     }
     return;
   }

@@ -29,9 +29,9 @@ constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: then
 constexpr double kLeastShare = 0.04;  // of the residual's power: a smaller part is not visible
 
 // Reasons why a structure may be no effect.
-constexpr const char* kNotConfirmed = "the rows that judge do not confirm it";
+constexpr const char* kNotConfirmed = "the held-out rows do not confirm it";
 constexpr const char* kOfCounts =
-    "an angle off by half a count could make twice as much (a finer encoder would tell)";
+    "an angle error of half a count can make twice as much (a finer encoder would decide)";
 // Of the EMF that half a count makes in the d voltage. Ten drawn logs have such a structure and no
 // claim. In the five that lack nothing it is 0.11 to 0.42 of that EMF. In the others it is 0.18 in
 // one, and 1.02 or more in four.

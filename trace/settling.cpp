@@ -76,7 +76,7 @@ class Settler {
         score_of(fitter_, composed) > score_of(fitter_, fit_) - fitter_.margin() ||
         composed.rss_held_out > fit_.rss_held_out)
       return;
-    if (say_) say_("  friction composed anew");
+    if (say_) say_("  friction combined again");
     fit_ = std::move(composed);
     changed_ = true;
   }
@@ -265,7 +265,7 @@ class Settler {
     for (bool look = true; look;) {
       Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
       const double left = plain_torque(fitter_, near);
-      if (say_) say_(fmt::format("  impacts followed anew leave {:.3g}", left / before));
+      if (say_) say_(fmt::format("  impacts simulated again leave {:.3g}", left / before));
       if (near.valid && rings(*near.members.back()) && left < least) {
         least = left;
         best = std::move(near);

@@ -29,14 +29,14 @@ Refused noise(double number, std::string text) {
 Refused alone(const Votes& v, const std::vector<std::string>& files, const Criterion& criterion) {
   if (v.judgement.votes < criterion.votes)
     return refused(v.judgement.votes,
-                   fmt::format("only {} pieces of the rows that judge show it, {} are needed",
+                   fmt::format("it acts in {} pieces of the held-out rows only; {} are required",
                                v.judgement.votes, criterion.votes));
   for (const auto& [file, worse] : v.worse)
     if (worse < criterion.chance)
-      return refused(v.of_file.at(file), "the error there rises with it",
+      return refused(v.of_file.at(file), "it raises the error of the held-out rows there",
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
   if (v.judgement.held_out_gain <= 0)
-    return refused(v.judgement.held_out_gain, "the error on rows that judge does not fall with it");
+    return refused(v.judgement.held_out_gain, "it does not lower the error of the held-out rows");
   // The energy of all rows is mostly that of fast noise, which a slow torque does not resemble. On
   // 454 drawn logs with nothing missing, claims that hold no noise reached 8 standard deviations
   // along their change. Wrong claims beside other effects reach 109, and are left to the other
@@ -44,16 +44,16 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   constexpr double kAlong = 12;
   const bool stands_out = v.along_change >= kAlong;
   if (v.over_noise < 1 && !stands_out)
-    return noise(v.over_noise,
-                 fmt::format("without it the rows that judge have {:.2g} of the energy of the "
-                             "sensors' noise: noise alone explains them",
-                             v.over_noise));
+    return noise(v.over_noise, fmt::format("without it the held-out rows have {:.2g} times the "
+                                           "energy of the sensor noise: noise alone explains them",
+                                           v.over_noise));
   if (v.over_noise < v.least_over_noise && !stands_out)
     return noise(
         v.over_noise,
-        fmt::format("without it the rows that judge have {:.2g} times the energy of the "
-                    "sensors' noise; {:.2g} are needed, for a loop answers its own noise late",
-                    v.over_noise, v.least_over_noise));
+        fmt::format(
+            "without it the held-out rows have {:.2g} times the energy of the sensor noise; {:.2g} "
+            "is required, because the controller responds to the noise with a delay",
+            v.over_noise, v.least_over_noise));
   // The response of a loop with coarse counts is known to a factor of about five (amplitude). A
   // claim far above the noise along its change is not refused all the same: in 29 drawn logs with a
   // claim refused as noise, false ones reach 70 deviations, and true ones 282 and 1010.
@@ -66,9 +66,10 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   if (v.change_over_noise < needed && v.along_beside_noise < kFarAlong)
     return noise(
         v.change_over_noise,
-        fmt::format("what it changes has {:.2g} times the energy of what it makes of the "
-                    "sensors' noise and of the controller's answer to it; {:.0f} are needed",
-                    v.change_over_noise, needed));
+        fmt::format(
+            "its change has {:.2g} times the energy of the change that it makes of the sensor "
+            "noise and of the controller's response to that noise; {:.0f} is required",
+            v.change_over_noise, needed));
   // The sensors' noise is drawn, and known to a factor of two. The whole residual may come from the
   // noise of the angle, because the torque that it makes is in proportion to the inertia at the
   // motor.
@@ -76,24 +77,26 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
   const double drawn = (1 - std::exp(-2 * v.quieter)) * std::max(1.0, kTimes / v.over_noise);
   const double of_noise = std::max(v.of_angle, std::min(1.0, drawn));
   if (v.judgement.held_out_gain <= of_noise)
-    return noise(
-        v.judgement.held_out_gain,
-        fmt::format("the energy on rows that judge falls by a share of {:.2g}; noise of the "
-                    "sensors, which it makes smaller, alone may make {:.2g}",
-                    v.judgement.held_out_gain, of_noise));
+    return noise(v.judgement.held_out_gain,
+                 fmt::format("it lowers the energy of the held-out rows by a share of {:.2g}; a "
+                             "smaller sensor noise alone can lower it by {:.2g}",
+                             v.judgement.held_out_gain, of_noise));
   if (v.beyond_angle <= 0)
     return noise(v.beyond_angle,
-                 fmt::format("it leaves {:.2g} times the energy of an error of the angle, in the "
-                             "mean over frequencies: a line of the angle alone explains it",
+                 fmt::format("it leaves {:.2g} times the energy that a line in the angle alone "
+                             "leaves, in the mean over frequencies: the line explains it as well",
                              std::exp(-v.beyond_angle)));
   return {};
 }
 
 Refused by_chance_refused(double p, double quieter, const Criterion& criterion) {
   if (quieter <= criterion.silent)
-    return refused(p, fmt::format("rows that judge fall with it by chance in {:.2g} of logs", p));
-  return noise(p, fmt::format("it makes the sensors' noise {:.2g} times as large, and rows that "
-                              "judge fall further by chance in {:.2g} of logs",
+    return refused(
+        p,
+        fmt::format(
+            "chance lowers the error of the held-out rows as far in a share of {:.2g} of logs", p));
+  return noise(p, fmt::format("it makes the sensor noise {:.2g} times as large, and chance lowers "
+                              "the error of the held-out rows further in a share of {:.2g} of logs",
                               std::exp(-quieter), p));
 }
 

@@ -146,7 +146,8 @@ bool is_parameter(const Unit& unit) {
 Inconsistency of_unit(const Record& record, const Unit& unit, const DriveFacts& facts) {
   const std::string_view q = unit.quantity;
   const double size = size_in_log(record, unit, facts);
-  if (unit.factor < 0) return {unit.quantity, "the sign of the drive file", "the other", unit.hint};
+  if (unit.factor < 0)
+    return {unit.quantity, "the sign that the drive file gives", "the other", unit.hint};
   const char* what = q == "t"             ? "rows every "
                      : q == "theta_m"     ? "a range of "
                      : is_parameter(unit) ? ""

@@ -53,7 +53,7 @@ const Refused* refusal_to_tell(const TraceResult& r) {
 }
 
 std::string refusal_in_words(const Refused& refused) {
-  return fmt::format("what would explain more did not pass the rule of {}{}: {}", refused.rule,
+  return fmt::format("a claim did not pass the rule of {}{}: {}", refused.rule,
                      refused.file.empty() ? "" : " on " + refused.file, refused.text);
 }
 

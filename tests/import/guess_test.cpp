@@ -308,7 +308,7 @@ TEST_F(GuessMap, ASignOrAStarBesideANameIsNoPlainQuantity) {
   EXPECT_EQ(scales(guess),
             (std::map<std::string, double>{
                 {"t", 1}, {"i_q_ref", 1}, {"v_dc", 1}, {"omega_m", kRpm}, {"i_a", 1}}));
-  EXPECT_EQ(reason(guess, "-i_q [A]"), "the name holds more than a quantity");
+  EXPECT_EQ(reason(guess, "-i_q [A]"), "the name contains more than a quantity");
 }
 
 // Written by programs of Windows: the degree sign is one byte.

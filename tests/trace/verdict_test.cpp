@@ -19,7 +19,7 @@ TEST(Verdict, ARefusedClaimWithoutAStructureIsNoStatement) {
   const TraceResult r = with_refused("agreement", true);
   EXPECT_EQ(r.verdict, "ambiguous");
   EXPECT_EQ(headline_begins(r),
-            "Cannot tell: what would explain more did not pass the rule of agreement: 0.4 of its "
+            "Cannot tell: a claim did not pass the rule of agreement: 0.4 of its "
             "gain is kept. ");
 }
 
@@ -32,7 +32,7 @@ TEST(Verdict, ARefusedClaimBesideAStructureIsUnexplained) {
   EXPECT_EQ(r.verdict, "unexplained");
   EXPECT_EQ(headline_begins(r),
             "Unexplained: the residual of the torque depends on i_q, which no effect of the "
-            "catalogue was shown to explain; what would explain more did not pass the rule of "
+            "catalogue was shown to explain; a claim did not pass the rule of "
             "agreement: 0.4 of its gain is kept. ");
 }
 
