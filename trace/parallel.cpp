@@ -6,6 +6,7 @@
 #include <atomic>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -43,7 +44,10 @@ void for_each_index(std::size_t count, const std::function<void(std::size_t)>& f
   };
   std::vector<std::jthread> threads;
   const std::size_t wanted = std::min({count, usable_cpus(), kMostThreads});
-  for (std::size_t t = 1; t < wanted; ++t) threads.emplace_back(work);
+  try {
+    for (std::size_t t = 1; t < wanted; ++t) threads.emplace_back(work);
+  } catch (const std::system_error&) {  // a limit of threads: those that started do all steps
+  }
   work();
   threads.clear();
   if (thrown) std::rethrow_exception(thrown);
