@@ -163,7 +163,7 @@ Refused Asking::of_rest(std::size_t m) const {
   return {.rule = "whole",
           .number = times,
           .text = fmt::format("all effects together remove only {:.2g} times the energy that no "
-                              "effect explains in its rows",
+                              "effect explains in the same signals",
                               times)};
 }
 

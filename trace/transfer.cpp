@@ -67,8 +67,8 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
     return noise(
         v.change_over_noise,
         fmt::format(
-            "its change has {:.2g} times the energy of the change that it makes of the sensor "
-            "noise and of the controller's response to that noise; {:.0f} is required",
+            "its change has {:.2g} times the energy of the change that it makes in the sensor "
+            "noise and in the controller's response to that noise; {:.0f} is required",
             v.change_over_noise, needed));
   // The sensors' noise is drawn, and known to a factor of two. The whole residual may come from the
   // noise of the angle, because the torque that it makes is in proportion to the inertia at the
@@ -82,10 +82,11 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
                              "smaller sensor noise alone can lower it by {:.2g}",
                              v.judgement.held_out_gain, of_noise));
   if (v.beyond_angle <= 0)
-    return noise(v.beyond_angle,
-                 fmt::format("it leaves {:.2g} times the energy that a line in the angle alone "
-                             "leaves, in the mean over frequencies: the line explains it as well",
-                             std::exp(-v.beyond_angle)));
+    return noise(
+        v.beyond_angle,
+        fmt::format("its residual has {:.2g} times the energy that it would leave of an error of "
+                    "the angle, in the mean over frequencies: such an error explains it as well",
+                    std::exp(-v.beyond_angle)));
   return {};
 }
 
