@@ -67,7 +67,7 @@ class Chain {
   // throws TraceStopped.
   void stop_when(std::function<bool()> stop) { stop_ = std::move(stop); }
   void checkpoint() const {
-    const std::lock_guard lock(asks_to_stop_);
+    const std::lock_guard lock(stop_mutex_);
     if (stop_ && stop_()) throw TraceStopped{};
   }
   // If an encoder rounds: makes the record with moved counts (with_moved_counts).
@@ -123,7 +123,7 @@ class Chain {
   const Sampler& sampler_;
   NoiseModel noise_;
   std::function<bool()> stop_;
-  mutable std::mutex asks_to_stop_;
+  mutable std::mutex stop_mutex_;
   std::function<Record()> moved_counts_;
   mutable std::deque<Remembered> memory_;  // the latest last
 };

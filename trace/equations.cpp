@@ -379,7 +379,7 @@ Channels Equations::contribution(const Effect& effect) const {
     Channels x = empty(effect.acts_on());
     if (ShaftFacts shaft; effect.describe_shaft(shaft)) {
       {
-        const std::lock_guard lock(makes_motor_);
+        const std::lock_guard lock(motor_mutex_);
         if (!motor_) motor_.emplace(points_, load_behind_shaft({}, points_), record_.T_s, 0);
       }
       motor_->along(shaft, x.torque);

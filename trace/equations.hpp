@@ -157,7 +157,7 @@ class Equations {
   Channels base_;
   mutable UndoneSensing undone_;            // the kept one
   mutable std::optional<MotorSide> motor_;  // of the record as measured; made for the first shaft
-  mutable std::mutex makes_motor_;
+  mutable std::mutex motor_mutex_;
 };
 
 }  // namespace twinrate

@@ -2,6 +2,7 @@
 #include "trace/dictionary.hpp"
 
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include "tests/trace/fitted_drive.hpp"
 #include "trace/result.hpp"
@@ -88,6 +89,32 @@ TEST(Candidates, DriftWithTheRecordNotWithItsClock) {
     drifting += drifts;
   }
   EXPECT_EQ(drifting, 5u);
+}
+
+// On one CPU and on all: the same columns to the last bit.
+TEST(Candidates, DoNotDependOnTheNumberOfCpus) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 1}), {});
+  const std::vector<Candidate> on_all = make_candidates(drive.chain());
+  cpu_set_t all, one;
+  ASSERT_EQ(sched_getaffinity(0, sizeof all, &all), 0);
+  CPU_ZERO(&one);
+  int first = 0;
+  while (!CPU_ISSET(first, &all)) ++first;
+  CPU_SET(first, &one);
+  ASSERT_EQ(sched_setaffinity(0, sizeof one, &one), 0);
+  const std::vector<Candidate> on_one = make_candidates(drive.chain());
+  ASSERT_EQ(sched_setaffinity(0, sizeof all, &all), 0);
+  ASSERT_EQ(on_one.size(), on_all.size());
+  for (std::size_t i = 0; i < on_one.size(); ++i) {
+    EXPECT_EQ(on_one[i].effect->kind(), on_all[i].effect->kind());
+    ASSERT_EQ(on_one[i].columns.size(), on_all[i].columns.size());
+    for (std::size_t r = 0; r < on_one[i].columns.size(); ++r) {
+      const Sampled &x = on_one[i].columns[r], &y = on_all[i].columns[r];
+      EXPECT_TRUE(x.d == y.d && x.q == y.q && x.torque == y.torque && x.noise_d == y.noise_d &&
+                  x.noise_torque == y.noise_torque)
+          << on_one[i].effect->kind();
+    }
+  }
 }
 
 // Rounding makes the share of its own of either column the smaller.
