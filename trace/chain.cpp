@@ -5,6 +5,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 #include "trace/record_contributions.hpp"
 
 namespace twinrate {
@@ -70,8 +71,9 @@ Sampled Chain::sampled(const Channels& clean) const {
 
 Sampled Chain::sampled(const Channels& clean, const Channels& read,
                        const Channels& answered) const {
-  Sampled s = sampled(clean), answer = sampled(answered);
-  const Sampled noisy = sampled(read);
+  Sampled s, noisy, answer;
+  together({[&] { s = sampled(clean); }, [&] { noisy = sampled(read); },
+            [&] { answer = sampled(answered); }});
   s.noise_d = noisy.d - s.d;
   s.noise_q = noisy.q - s.q;
   s.noise_torque = noisy.torque - s.torque;
@@ -212,8 +214,10 @@ Sampled Chain::rounding(const Effects& effects) const {
 Sampled Chain::contribution_to_fit(const Effect& effect) const {
   if (!is_of_shaft(effect) || has_gap(effect)) return contribution(effect);
   checkpoint();
-  const Channels read = readings_.contribution(effect);
-  Sampled s = sampled(equations_.contribution(effect), read, read);
+  Channels clean, read;
+  together({[&] { clean = equations_.contribution(effect); },
+            [&] { read = readings_.contribution(effect); }});
+  Sampled s = sampled(clean, read, read);
   s.answer_torque = {};
   return s;
 }
@@ -222,8 +226,11 @@ Sampled Chain::whole_residual(const Effects& effects) const {
   Effects smooth;
   for (const auto& effect : effects)
     if (!has_gap(*effect)) smooth.push_back(effect);
-  Sampled s = sampled(equations_.residual(smooth, Equations::Undone::kKept),
-                      readings_.residual(smooth), answered_.residual(smooth));
+  Channels clean, read, answered;
+  together({[&] { clean = equations_.residual(smooth, Equations::Undone::kKept); },
+            [&] { read = readings_.residual(smooth); },
+            [&] { answered = answered_.residual(smooth); }});
+  Sampled s = sampled(clean, read, answered);
   if (std::any_of(effects.begin(), effects.end(), [](const auto& e) { return is_shaft(*e); }))
     s.answer_torque = {};
   if (smooth.size() == effects.size()) return s;
@@ -238,8 +245,13 @@ std::vector<Sampled> Chain::columns(const Effect& effect) const {
   if (!holds_noise(effect)) return columns_of(equations_, effect);
   checkpoint();
   std::vector<Sampled> out;
-  const std::vector<Channels> clean = equations_.columns(effect), read = readings_.columns(effect);
-  const std::vector<Channels> answered = turns_at_zero(effect) ? read : answered_.columns(effect);
+  const bool at_zero = turns_at_zero(effect);
+  std::vector<Channels> clean, read, of_answered;
+  together({[&] { clean = equations_.columns(effect); }, [&] { read = readings_.columns(effect); },
+            [&] {
+              if (!at_zero) of_answered = answered_.columns(effect);
+            }});
+  const std::vector<Channels>& answered = at_zero ? read : of_answered;
   for (std::size_t r = 0; r < clean.size(); ++r)
     out.push_back(sampled(clean[r], read[r], answered[r]));
   return out;
@@ -264,8 +276,11 @@ std::vector<Sampled> Chain::columns_of(const Equations& equations, const Effect&
 Sampled Chain::contribution(const Effect& effect) const {
   checkpoint();
   if (has_gap(effect)) return sampled(equations_.contribution(effect));
-  return sampled(equations_.contribution(effect), readings_.contribution(effect),
-                 answered_.contribution(effect));
+  Channels clean, read, answered;
+  together({[&] { clean = equations_.contribution(effect); },
+            [&] { read = readings_.contribution(effect); },
+            [&] { answered = answered_.contribution(effect); }});
+  return sampled(clean, read, answered);
 }
 
 // If no row of a channel was seen, its noise is unknown, and the channel is left out.
@@ -274,15 +289,22 @@ Sampled Chain::whitened(const Sampled& s) const {
   const auto take = [](const Whitener& whitener, const Eigen::VectorXd& x, const Runs& runs) {
     return whitener.none() ? Eigen::VectorXd() : x.size() ? whitener(x, runs) : x;
   };
-  w.d = take(noise_.d, s.d, sampler_.electrical());
-  w.q = take(noise_.q, s.q, sampler_.electrical());
-  w.torque = take(noise_.torque, s.torque, sampler_.torque());
-  w.noise_d = noise_.scale_d * take(noise_.d, s.noise_d, sampler_.electrical());
-  w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, sampler_.electrical());
-  w.noise_torque = noise_.scale_torque * take(noise_.torque, s.noise_torque, sampler_.torque());
-  w.answer_d = noise_.scale_d * take(noise_.d, s.answer_d, sampler_.electrical());
-  w.answer_q = noise_.scale_q * take(noise_.q, s.answer_q, sampler_.electrical());
-  w.answer_torque = noise_.scale_torque * take(noise_.torque, s.answer_torque, sampler_.torque());
+  const Runs &electrical = sampler_.electrical(), &torque = sampler_.torque();
+  together({[&] {
+              w.torque = take(noise_.torque, s.torque, torque);
+              w.noise_torque = noise_.scale_torque * take(noise_.torque, s.noise_torque, torque);
+              w.answer_torque = noise_.scale_torque * take(noise_.torque, s.answer_torque, torque);
+            },
+            [&] {
+              w.d = take(noise_.d, s.d, electrical);
+              w.noise_d = noise_.scale_d * take(noise_.d, s.noise_d, electrical);
+              w.answer_d = noise_.scale_d * take(noise_.d, s.answer_d, electrical);
+            },
+            [&] {
+              w.q = take(noise_.q, s.q, electrical);
+              w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, electrical);
+              w.answer_q = noise_.scale_q * take(noise_.q, s.answer_q, electrical);
+            }});
   return w;
 }
 

@@ -6,10 +6,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <mutex>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/contest.hpp"
 #include "trace/gate.hpp"
+#include "trace/parallel.hpp"
 #include "trace/statistics.hpp"
 #include "trace/suspicion.hpp"
 #include "trace/thinning.hpp"
@@ -39,6 +41,11 @@ Record part(const Record& whole, std::size_t first, std::size_t end) {
   r.motion_ok = part(whole.motion_ok, first, end);
   return r;
 }
+
+// Rows [first, end).
+struct Range {
+  std::size_t first = 0, end = 0;
+};
 
 // Rows [first, end) of the record, traced alone.
 struct Part {
@@ -119,10 +126,8 @@ class Search {
     std::optional<Change> change;
     std::vector<Part> sides;
     for (int round = 0; round < 2; ++round) {
-      sides.clear();
       if (end < whole.first + least || first + least > whole.end) return {};
-      sides.push_back(traced(whole.first, end));
-      sides.push_back(traced(first, whole.end));
+      sides = both_traced({whole.first, end}, {first, whole.end});
       change = proven(sides.front(), sides.back(), whole);
       if (!change) return {};
       end = change->first, first = change->end;
@@ -190,8 +195,29 @@ class Search {
       if (file.first > p.first && file.first < p.end) rows.push_back(file.first - p.first);
     return rows;
   }
-  Part traced(std::size_t first, std::size_t end) {
-    TraceSettings settings = settings_;
+  // Two ranges of rows without a common row, traced at the same time. Progress of the second is
+  // told when the first is done.
+  std::vector<Part> both_traced(Range one, Range two) {
+    std::mutex guard;
+    std::vector<std::string> later;
+    std::vector<Part> parts(2);
+    for_each_index(2, [&](std::size_t n) {
+      TraceSettings settings = settings_;
+      if (n == 1 && settings_.say)
+        settings.say = [&](const std::string& line) { later.push_back(line); };
+      if (settings_.stop)
+        settings.stop = [&] {
+          const std::lock_guard lock(guard);
+          return settings_.stop();
+        };
+      const Range& range = n == 0 ? one : two;
+      parts[n] = traced(range.first, range.end, std::move(settings));
+    });
+    for (const std::string& line : later) settings_.say(line);
+    return parts;
+  }
+  Part traced(std::size_t first, std::size_t end) { return traced(first, end, settings_); }
+  Part traced(std::size_t first, std::size_t end, TraceSettings settings) {
     settings.fit_judging_rows = false;  // they must prove the change
     settings.files.clear();
     for (SourceRows file : settings_.files) {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/frames.hpp"
+#include "trace/parallel.hpp"
 
 namespace twinrate {
 namespace {
@@ -31,7 +32,8 @@ bool is_current(const RawColumn& c) {
 }
 
 double change(const RawColumn& c, double from, double to) {
-  return is_angle(c) ? std::remainder(to - from, kTwoPi) : to - from;
+  const double way = to - from;  // equal to its remainder up to half a turn
+  return is_angle(c) && std::abs(way) > kPi ? std::remainder(way, kTwoPi) : way;
 }
 
 // Size of a change; 0 if it is rounding.
@@ -134,34 +136,40 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
     return raw.t[to] - raw.t[from] < kGap * static_cast<double>(to - from) * T_s;
   };
   // Updates the usual distances before any row is judged; those of currents precede the voltages.
-  for (std::size_t c = 0; c < raw_columns().size(); ++c) {
+  const std::size_t signals = raw_columns().size();
+  std::vector<std::vector<Excursion>> of_one_row(signals, std::vector<Excursion>(raw.size()));
+  for_each_index(signals, [&](std::size_t c) {
     const RawColumn& column = raw_columns()[c];
     const std::vector<double>& x = raw.*column.values;
-    if (x.empty()) continue;
+    if (x.empty()) return;
     Signal& s = signals_[c];
     for (std::size_t k = std::max<std::size_t>(first, 1); k < end; ++k) {
       const double step = step_of(column, x[k - 1], x[k]);
       if (step > 0 && (s.step == 0 || step < s.step)) s.step = step;
-      if (whole(k, 1)) s.spread.add(excursion(column, x, k, 1).distance);
+      if (!whole(k, 1)) continue;
+      of_one_row[c][k] = excursion(column, x, k, 1);
+      s.spread.add(of_one_row[c][k].distance);
     }
-  }
-  for (std::size_t c = 0; c < raw_columns().size(); ++c) {
+  });
+  std::vector<std::vector<Candidate>> found(signals);
+  std::vector<std::vector<std::size_t>> marked(signals);
+  for_each_index(signals, [&](std::size_t c) {
     const RawColumn& column = raw_columns()[c];
     const std::vector<double>& x = raw.*column.values;
     const bool watched = is_current(column) || is_voltage(column) || is_angle(column) ||
                          column.values == &RawLog::v_dc;
-    if (x.empty() || !watched) continue;
+    if (x.empty() || !watched) return;
     Signal& s = signals_[c];
     const double usual = s.spread.sigma();
     for (std::size_t k = first; k < end; ++k) {
       if (raw.t[k] <= s.bad_until) {
-        bad[k] = 1;
+        marked[c].push_back(k);
         continue;
       }
       const double recently = s.recently;
       for (std::size_t rows = 1; rows <= kLongest; ++rows) {
         if (!whole(k, rows)) break;
-        const Excursion e = excursion(column, x, k, rows);
+        const Excursion e = rows == 1 ? of_one_row[c][k] : excursion(column, x, k, rows);
         if (rows == 1) s.recently += (std::min(e.distance, 4 * recently + usual) - recently) / 64;
         const double scatter = std::max({usual, recently, e.of_sides});
         if (!(e.distance > std::max(kFar * scatter, kSteps * s.step))) continue;
@@ -169,12 +177,16 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
         if (is_voltage(column) &&
             (answered(raw, k, rows) || asked_for(raw, k, e.distance / scatter)))
           break;
-        candidates_.push_back({{c, raw.t[k], raw.t[k + rows - 1]}, e.distance});
+        found[c].push_back({{c, raw.t[k], raw.t[k + rows - 1]}, e.distance});
         s.bad_until = raw.t[k + rows - 1];
-        bad[k] = 1;
+        marked[c].push_back(k);
         break;
       }
     }
+  });
+  for (std::size_t c = 0; c < signals; ++c) {
+    candidates_.insert(candidates_.end(), found[c].begin(), found[c].end());
+    for (const std::size_t k : marked[c]) bad[k] = 1;
   }
 }
 

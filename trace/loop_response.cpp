@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/parallel.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -70,7 +72,8 @@ LoopResponse::LoopResponse(const Record& record, const MachineParameters& machin
   const auto u = second_differences(in_rotor_axes(record.u_alphabeta, record, machine.n_p));
   const auto x = second_differences(in_rotor_axes(record.i_alphabeta, record, machine.n_p));
   const auto y = second_differences(record.theta_m);
-  for (int axis = 0; axis < 2; ++axis) {
+  for_each_index(2, [&](std::size_t n) {
+    const int axis = static_cast<int>(n);
     Eigen::MatrixXd Z(static_cast<Eigen::Index>(rows.size()), kInputs);
     Eigen::VectorXd answer(Z.rows());
     for (Eigen::Index r = 0; r < Z.rows(); ++r) {
@@ -85,8 +88,8 @@ LoopResponse::LoopResponse(const Record& record, const MachineParameters& machin
     A.selfadjointView<Eigen::Lower>().rankUpdate(Z.transpose());
     A.diagonal().array() += kRidge;
     const Inputs c = A.selfadjointView<Eigen::Lower>().ldlt().solve(Z.transpose() * answer);
-    if (c.allFinite()) controller_[static_cast<std::size_t>(axis)] = c.cwiseQuotient(size);
-  }
+    if (c.allFinite()) controller_[n] = c.cwiseQuotient(size);
+  });
 }
 
 void LoopResponse::add(const SensorNoise& noise, Record& record) const {

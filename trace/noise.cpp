@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <optional>
 
 #include "model/effects/catalogue.hpp"
 #include "model/random.hpp"
 #include "trace/loop_response.hpp"
+#include "trace/parallel.hpp"
 #include "trace/rounding.hpp"
 
 namespace twinrate {
@@ -125,33 +127,41 @@ std::vector<double> angle_errors(const Record& record, const std::vector<char>& 
   return errors;
 }
 
+// White noise in rotor axes, in which a current at constant torque is constant. At least the ADC's
+// rounding noise.
+std::vector<Vec2> current_errors(const Record& record, int n_p, double i_lsb) {
+  Vec2 sigma;
+  for_each_index(2, [&](std::size_t n) {
+    const auto axis = static_cast<Eigen::Index>(n);
+    const auto current = [&](std::size_t k) {
+      return park(record.i_alphabeta[k], n_p * record.theta_m[k])[axis];
+    };
+    sigma[axis] = std::max(white_noise(record.size(), current, record.electrical_ok),
+                           i_lsb / std::sqrt(12.0));
+  });
+  std::vector<Vec2> errors(record.size());
+  for (std::size_t k = 0; k < record.size(); ++k)
+    errors[k] = inverse_park({sigma[0] * normal(kSeed, 1, k), sigma[1] * normal(kSeed, 2, k)},
+                             n_p * record.theta_m[k]);
+  return errors;
+}
+
 }  // namespace
 
 NoisierRecords add_noise(const Record& record, const DriveFacts& facts,
                          const std::vector<char>& moving, double i_lsb) {
   SensorNoise noise;
-  noise.theta_m = angle_errors(record, moving);
-  if (!record.i_alphabeta.empty()) {
-    // In rotor axes, in which a current at constant torque is constant. At least the ADC's rounding
-    // noise.
-    Vec2 sigma;
-    for (const int axis : {0, 1})
-      sigma[axis] = std::max(white_noise(
-                                 record.size(),
-                                 [&](std::size_t k) {
-                                   return park(record.i_alphabeta[k],
-                                               facts.machine.n_p * record.theta_m[k])[axis];
-                                 },
-                                 record.electrical_ok),
-                             i_lsb / std::sqrt(12.0));
-    for (std::size_t k = 0; k < record.size(); ++k)
-      noise.i_alphabeta.push_back(
-          inverse_park({sigma[0] * normal(kSeed, 1, k), sigma[1] * normal(kSeed, 2, k)},
-                       facts.machine.n_p * record.theta_m[k]));
-  }
+  std::optional<LoopResponse> response;
+  together({
+      [&] { response.emplace(record, facts.machine); },
+      [&] { noise.theta_m = angle_errors(record, moving); },
+      [&] {
+        if (!record.i_alphabeta.empty())
+          noise.i_alphabeta = current_errors(record, facts.machine.n_p, i_lsb);
+      },
+  });
   NoisierRecords noisier{.answered = record, .readings = record};
-  LoopResponse(record, facts.machine).add(noise, noisier.answered);
-  noise.add(noisier.readings);
+  together({[&] { response->add(noise, noisier.answered); }, [&] { noise.add(noisier.readings); }});
   return noisier;
 }
 
@@ -208,9 +218,11 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   const Sampler& sampler = chain.sampler();
   const double T_out = sampler.decimation() * chain.equations().record().T_s;
   const AngleNoise of_sensors = AngleNoise::of(y.noise_torque, sampler.torque(), T_out);
-  look(d_, d, y.noise_d, sampler.electrical(), {});
-  look(q_, q, y.noise_q, sampler.electrical(), {});
-  look(torque_, torque, y.noise_torque, sampler.torque(), of_sensors);
+  together({
+      [&] { look(torque_, torque, y.noise_torque, sampler.torque(), of_sensors); },
+      [&] { look(d_, d, y.noise_d, sampler.electrical(), {}); },
+      [&] { look(q_, q, y.noise_q, sampler.electrical(), {}); },
+  });
   double beside_shafts = 1;
   const Eigen::VectorXd noise_d = rest(d_, d.size(), y.d, y.noise_d, noise.share_d),
                         noise_q = rest(q_, q.size(), y.q, y.noise_q, noise.share_q),

@@ -1,5 +1,6 @@
 #include "trace/problem.hpp"
 
+#include "trace/parallel.hpp"
 #include "trace/split.hpp"
 #include "trace/thinning.hpp"
 
@@ -13,6 +14,25 @@ Record without(const std::vector<char>& rows, Record record) {
 
 }  // namespace
 
+DriveProblem::Thinned::Thinned(const DriveProblem& of, const DriveFacts& facts,
+                               const Effects& known, const Considered& considered) {
+  together({
+      [&] {
+        record = of.thin(of.seen_rows_);
+        equations.emplace(record, facts, known, considered);
+      },
+      [&] {
+        answered_record = of.thin(of.noisier_.answered);
+        answered.emplace(answered_record, facts, known);
+      },
+      [&] {
+        readings_record = of.thin(of.noisier_.readings);
+        readings.emplace(readings_record, facts, known);
+      },
+      [&] { all_rows = of.thin(of.whole_); },
+  });
+}
+
 DriveProblem::DriveProblem(const Record& whole, const std::vector<char>& judging,
                            const DriveFacts& facts, const Effects& known,
                            const Considered& considered, double i_lsb)
@@ -21,18 +41,13 @@ DriveProblem::DriveProblem(const Record& whole, const std::vector<char>& judging
       rows_(rows_as_one(whole.T_s)),
       seen_rows_(without(judging, whole)),
       noisier_(add_noise(seen_rows_, facts, moving_rows(seen_rows_), i_lsb)),
-      record_(thin(seen_rows_)),
-      answered_record_(thin(noisier_.answered)),
-      readings_record_(thin(noisier_.readings)),
-      all_rows_(thin(whole)),
-      equations_(record_, facts, known, considered),
-      answered_(answered_record_, facts, known),
-      readings_(readings_record_, facts, known),
-      sampler_(record_, moving_rows(record_),
+      thinned_(*this, facts, known, considered),
+      sampler_(thinned_.record, moving_rows(thinned_.record),
                thinned(choosing_rows(whole, judging, n_p_), whole, rows_)),
-      sampler_of_all_(all_rows_, moving_rows(all_rows_), thinned(judging, whole, rows_)),
-      seen_(equations_, answered_, readings_, sampler_),
-      all_(equations_, answered_, readings_, sampler_of_all_) {
+      sampler_of_all_(thinned_.all_rows, moving_rows(thinned_.all_rows),
+                      thinned(judging, whole, rows_)),
+      seen_(*thinned_.equations, *thinned_.answered, *thinned_.readings, sampler_),
+      all_(*thinned_.equations, *thinned_.answered, *thinned_.readings, sampler_of_all_) {
   if (!(seen_rows_.angle.lsb > 0)) return;
   for (Chain* chain : {&seen_, &all_})
     chain->set_moved_counts([this] { return thin(with_moved_counts(seen_rows_)); });

@@ -1,6 +1,8 @@
 // A drive log as the search and the gate use it: its rows at the tracer's rate, its equations, the
 // same with sensor noise added, and the judging rows kept apart.
 #pragma once
+#include <optional>
+
 #include "trace/chain.hpp"
 #include "trace/noise.hpp"
 #include "trace/thinning.hpp"
@@ -16,11 +18,11 @@ class DriveProblem {
   DriveProblem(const DriveProblem&) = delete;
   DriveProblem& operator=(const DriveProblem&) = delete;
 
-  const DriveFacts& facts() const { return equations_.facts(); }
+  const DriveFacts& facts() const { return thinned_.equations->facts(); }
   const Record& whole() const { return whole_; }
   std::size_t rows() const { return rows_; }  // of the log in one row of the tracer
   const NoisierRecords& noisier() const { return noisier_; }
-  const Record& all_rows() const { return all_rows_; }
+  const Record& all_rows() const { return thinned_.all_rows; }
 
   Chain& seen() { return seen_; }  // of the rows that do not judge
   const Chain& seen() const { return seen_; }
@@ -31,6 +33,13 @@ class DriveProblem {
   void stop_when(const std::function<bool()>& stop);
 
  private:
+  // The rows at the tracer's rate, and the equations of those that do not judge.
+  struct Thinned {
+    Thinned(const DriveProblem& of, const DriveFacts& facts, const Effects& known,
+            const Considered& considered);
+    Record record, answered_record, readings_record, all_rows;
+    std::optional<Equations> equations, answered, readings;
+  };
   Record thin(const Record& record) const { return thinned(record, rows_, n_p_); }
 
   const Record& whole_;
@@ -38,8 +47,7 @@ class DriveProblem {
   std::size_t rows_;
   Record seen_rows_;  // at the log's rate, without the judging rows
   NoisierRecords noisier_;
-  Record record_, answered_record_, readings_record_, all_rows_;
-  Equations equations_, answered_, readings_;
+  Thinned thinned_;
   Sampler sampler_, sampler_of_all_;
   Chain seen_, all_;
 };

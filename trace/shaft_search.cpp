@@ -5,6 +5,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 
 namespace twinrate {
 namespace {
@@ -92,15 +93,15 @@ ShaftSearch::Points ShaftSearch::at(std::vector<std::shared_ptr<Effect>> shafts)
     points[s].shaft->describe_shaft(these.emplace_back());
   }
   constexpr std::size_t kTogether = 8;  // limits the memory
-  std::vector<std::vector<double>> T_load(std::min(kTogether, these.size()));
-  for (std::size_t first = 0; first < these.size(); first += kTogether) {
-    const std::size_t count = std::min(kTogether, these.size() - first);
-    motor_.along(std::span(these).subspan(first, count), std::span(T_load).first(count));
-    for (std::size_t s = 0; s < count; ++s) {
+  for_each_index((these.size() + kTogether - 1) / kTogether, [&](std::size_t group) {
+    const std::size_t first = group * kTogether, count = std::min(kTogether, these.size() - first);
+    std::vector<std::vector<double>> T_load(count);
+    motor_.along(std::span(these).subspan(first, count), T_load);
+    for_each_index(count, [&](std::size_t s) {
       Point& p = points[possible[first + s]];
       p.error = error_with(these[first + s], T_load[s], p.inertia);
-    }
-  }
+    });
+  });
   return points;
 }
 
