@@ -107,20 +107,25 @@ bool Chain::is_linear(const Effect& effect) const {
   return true;
 }
 
-const std::vector<Sampled>& Chain::recall(Remembered wanted,
-                                          const std::function<std::vector<Sampled>()>& make) const {
+Chain::Columns Chain::recall(Remembered wanted,
+                             const std::function<std::vector<Sampled>()>& make) const {
   constexpr std::size_t kMost = 40;
-  const auto found = std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& m) {
-    return m.what == wanted.what && m.keys == wanted.keys;
-  });
-  if (found != memory_.end()) {
-    std::rotate(found, found + 1, memory_.end());
-    return memory_.back().columns;
+  {
+    const std::lock_guard lock(memory_mutex_);
+    const auto found = std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& m) {
+      return m.what == wanted.what && m.keys == wanted.keys;
+    });
+    if (found != memory_.end()) {
+      std::rotate(found, found + 1, memory_.end());
+      return memory_.back().columns;
+    }
   }
-  wanted.columns = make();
+  wanted.columns = std::make_shared<const std::vector<Sampled>>(make());
+  const Columns made = wanted.columns;
+  const std::lock_guard lock(memory_mutex_);
   if (memory_.size() == kMost) memory_.pop_front();
   memory_.push_back(std::move(wanted));
-  return memory_.back().columns;
+  return made;
 }
 
 Chain::Remembered Chain::shape_of(const char* what, const Effect& effect) const {
@@ -131,7 +136,7 @@ Chain::Remembered Chain::shape_of(const char* what, const Effect& effect) const 
   return {what + std::string(effect.kind()), key_values(*shape), {}};
 }
 
-const std::vector<Sampled>& Chain::remembered_columns(const Effect& effect) const {
+Chain::Columns Chain::remembered_columns(const Effect& effect) const {
   return recall(shape_of("columns of ", effect), [&] { return columns(effect); });
 }
 
@@ -175,21 +180,23 @@ Sampled Chain::residual(const Effects& effects) const {
     const std::vector<double> keys = key_values(*effect);
     wanted.keys.insert(wanted.keys.end(), keys.begin(), keys.end());
   }
-  Sampled s =
-      recall(std::move(wanted), [&] { return std::vector<Sampled>{whole_residual(together)}; })[0];
+  Sampled s = recall(std::move(wanted), [&] {
+                return std::vector<Sampled>{whole_residual(together)};
+              })->front();
   for (const auto& effect : effects) {
     if (std::find(together.begin(), together.end(), effect) != together.end()) continue;
     if (!is_linear(*effect)) {
       add(s,
           recall({"whole " + std::string(effect->kind()), key_values(*effect), {}},
-                 [&] { return std::vector<Sampled>{contribution_to_fit(*effect)}; })[0],
+                 [&] { return std::vector<Sampled>{contribution_to_fit(*effect)}; })
+              ->front(),
           -1);
       continue;
     }
     std::vector<double> coefficients(static_cast<std::size_t>(effect->tracing().regressor_count()));
     effect->tracing().coefficients(coefficients);
-    const std::vector<Sampled>& columns = remembered_columns(*effect);
-    for (std::size_t r = 0; r < columns.size(); ++r) add(s, columns[r], -coefficients[r]);
+    const Columns columns = remembered_columns(*effect);
+    for (std::size_t r = 0; r < columns->size(); ++r) add(s, (*columns)[r], -coefficients[r]);
   }
   return s;
 }

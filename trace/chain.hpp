@@ -90,8 +90,9 @@ class Chain {
   Sampled contribution(const Effect& effect) const;
   // The same for a fit: a shaft's contribution has no answer.
   Sampled contribution_to_fit(const Effect& effect) const;
-  // columns() from a cache; valid until the next call.
-  const std::vector<Sampled>& remembered_columns(const Effect& effect) const;
+  // columns() from a cache. This and the residuals can be called by several threads.
+  using Columns = std::shared_ptr<const std::vector<Sampled>>;
+  Columns remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
   // A whitened column. A channel in which most of the energy is noise becomes zero, because nothing
   // useful remains after its share is subtracted.
@@ -105,12 +106,11 @@ class Chain {
   struct Remembered {
     std::string what;
     std::vector<double> keys;  // of its effects
-    std::vector<Sampled> columns;
+    Columns columns;
   };
   // An effect apart from coefficients that only multiply.
   Remembered shape_of(const char* what, const Effect& effect) const;
-  const std::vector<Sampled>& recall(Remembered wanted,
-                                     const std::function<std::vector<Sampled>()>& make) const;
+  Columns recall(Remembered wanted, const std::function<std::vector<Sampled>()>& make) const;
   Sampled sampled(const Channels& clean) const;
   Sampled sampled(const Channels& clean, const Channels& read, const Channels& answered) const;
   Sampled whole_residual(const Effects& effects) const;
@@ -126,6 +126,7 @@ class Chain {
   mutable std::mutex stop_mutex_;
   std::function<Record()> moved_counts_;
   mutable std::deque<Remembered> memory_;  // the latest last
+  mutable std::mutex memory_mutex_;
 };
 
 // True if the effect's columns are periodic in the angle and it adds to no sensor.

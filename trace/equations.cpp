@@ -230,13 +230,21 @@ Channels Equations::residual_of(const Effects& effects, Undone undone) const {
   if (sensing.empty()) return assemble(measured_, others, points_);
   std::vector<std::pair<std::string_view, std::vector<double>>> errors;
   for (const auto& effect : sensing) errors.emplace_back(effect->kind(), key_values(*effect));
-  if (errors != undone_.errors) {
-    UndoneSensing there = true_signals(sensing);
-    there.errors = std::move(errors);
-    if (undone == Undone::kForgotten) return assemble(there.signals, others, there.points);
-    undone_ = std::move(there);
+  std::shared_ptr<const UndoneSensing> there;
+  {
+    const std::lock_guard lock(undone_mutex_);
+    if (undone_ && undone_->errors == errors) there = undone_;
   }
-  return assemble(undone_.signals, others, undone_.points);
+  if (!there) {
+    auto made = std::make_shared<UndoneSensing>(true_signals(sensing));
+    made->errors = std::move(errors);
+    there = std::move(made);
+    if (undone == Undone::kKept) {
+      const std::lock_guard lock(undone_mutex_);
+      undone_ = there;
+    }
+  }
+  return assemble(there->signals, others, there->points);
 }
 
 Equations::UndoneSensing Equations::true_signals(const Effects& sensing) const {

@@ -155,7 +155,8 @@ class Equations {
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;
   Channels base_;
-  mutable UndoneSensing undone_;            // the kept one
+  mutable std::shared_ptr<const UndoneSensing> undone_;  // the kept one
+  mutable std::mutex undone_mutex_;
   mutable std::optional<MotorSide> motor_;  // of the record as measured; made for the first shaft
   mutable std::mutex motor_mutex_;
 };

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 #include "trace/record_contributions.hpp"
 
 namespace twinrate {
@@ -172,7 +173,6 @@ void Fitter::evaluate(Fit& fit) const {
 }
 
 void Fitter::linearise(Fit& fit) const {
-  fit.J.clear();
   // Every key shifts the impacts of a gap in time. So the step is wide enough to span several local
   // extrema of the error instead of the slope of one. Noise crosses the edges of a linear zone, so
   // the step is wide there, too.
@@ -182,21 +182,29 @@ void Fitter::linearise(Fit& fit) const {
   const bool senses = !acting_on(here, kOnCurrents | kOnAngle).empty(),
              senses_angle = !acting_on(here, kOnAngle).empty(), commands = chain_.commands(here),
              loaded = chain_.loads_shaft(here);
-  Sampled residual_here;  // computed if it is needed
-  for (const FreeParameter& p : fit.free) {
+  // True if the contribution depends on the other members: a sensor's error, an effect that depends
+  // on the true current or angle beside it, an effect on the command beside others, a shaft or a
+  // load behind it.
+  const auto is_bent = [&](const Effect& effect) {
+    return effect.acts_on() & (kOnCurrents | kOnAngle) ||
+           (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
+           (senses_angle && (turns_with_angle(effect) || is_shaft(effect))) ||
+           (commands && acts_on_command(effect)) || (loaded && is_of_shaft(effect));
+  };
+  Sampled residual_here;
+  if (std::any_of(fit.free.begin(), fit.free.end(), [&](const FreeParameter& p) {
+        return is_bent(*fit.members[p.member]) && !has_gap(*fit.members[p.member]);
+      }))
+    residual_here = chain_.residual(here);
+  const auto columns = [&](const FreeParameter& p) {
     const Effect& effect = *fit.members[p.member];
-    // True if the contribution depends on the other members: a sensor's error, an effect that
-    // depends on the true current or angle beside it, an effect on the command beside others, a
-    // shaft or a load behind it.
-    const bool bent = effect.acts_on() & (kOnCurrents | kOnAngle) ||
-                      (senses && effect.acts_on() & (kOnVoltage | kOnFlux)) ||
-                      (senses_angle && (turns_with_angle(effect) || is_shaft(effect))) ||
-                      (commands && acts_on_command(effect)) || (loaded && is_of_shaft(effect));
+    const bool bent = is_bent(effect);
+    std::vector<Sampled> some;
     if (p.coefficient >= 0 && !bent) {
       if (p.coefficient == 0)
-        for (const Sampled& x : chain_.remembered_columns(effect))
-          fit.J.push_back(chain_.regressor(x));
-      continue;
+        for (const Sampled& x : *chain_.remembered_columns(effect))
+          some.push_back(chain_.regressor(x));
+      return some;
     }
     const bool zone = p.key == kZone;
     const double share = has_gap(effect) ? kGapStep : zone ? kZoneStep : kStep;
@@ -228,14 +236,12 @@ void Fitter::linearise(Fit& fit) const {
         down->prepare(facts);
         add(x, residual(down), 1 / span);
       } else {
-        if (residual_here.torque.size() + residual_here.d.size() == 0)
-          residual_here = chain_.residual(here);
         add(x, residual_here, 1 / span);
       }
       add(x, residual(up), -1 / span);
       if (p.coefficient >= 0) {
         const auto c = static_cast<std::size_t>(p.coefficient);
-        take_noise(x, chain_.remembered_columns(effect)[c]);
+        take_noise(x, (*chain_.remembered_columns(effect))[c]);
       } else if (of_shaft) {
         take_noise(x, has_gap(effect) ? Sampled{} : both_ways());
       }
@@ -244,8 +250,14 @@ void Fitter::linearise(Fit& fit) const {
     }
     // The column of a zone as narrow as the noise is mostly noise, and regressor() would make it
     // zero. Its share of noise is subtracted later.
-    fit.J.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));
-  }
+    some.push_back(zone ? chain_.whitened(x) : chain_.regressor(x));
+    return some;
+  };
+  std::vector<std::vector<Sampled>> of_each(fit.free.size());
+  for_each_index(of_each.size(), [&](std::size_t p) { of_each[p] = columns(fit.free[p]); });
+  fit.J.clear();
+  for (std::vector<Sampled>& some : of_each)
+    std::move(some.begin(), some.end(), std::back_inserter(fit.J));
 }
 
 Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {

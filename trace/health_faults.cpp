@@ -43,39 +43,44 @@ double step_of(const RawColumn& c, double from, double to) {
   return step > kRounding * std::abs(to) ? step : 0;
 }
 
-// Distance of rows [k, k + rows) from the parabola through kAround rows before and after them (the
-// smallest), and the rms distance of those rows from it.
-struct Excursion {
-  double distance = 0, of_sides = 0;
+// The parabola through kAround rows before and after rows [k, k + rows), as changes from row k - 1.
+class Parabola {
+ public:
+  Parabola(const RawColumn& c, const std::vector<double>& x, std::size_t k, std::size_t rows)
+      : centre_(0.5 * static_cast<double>(rows - 1)) {
+    for (std::size_t j = 0; j < kAround; ++j) {
+      const std::size_t before = k - kAround + j, behind = k + rows + j;
+      place_[j] = static_cast<double>(j) - kAround - centre_;
+      place_[kAround + j] = static_cast<double>(rows + j) - centre_;
+      y_[j] = change(c, x[k - 1], x[before]);
+      y_[kAround + j] = change(c, x[k - 1], x[behind]);
+    }
+    double s2 = 0, s4 = 0, b0 = 0, b1 = 0, b2 = 0;
+    for (std::size_t j = 0; j < place_.size(); ++j) {
+      const double p2 = place_[j] * place_[j];
+      s2 += p2, s4 += p2 * p2;
+      b0 += y_[j], b1 += place_[j] * y_[j], b2 += p2 * y_[j];
+    }
+    const double n = 2 * kAround, det = n * s4 - s2 * s2;
+    a0_ = (s4 * b0 - s2 * b2) / det, a1_ = b1 / s2, a2_ = (n * b2 - s2 * b0) / det;
+    for (std::size_t j = 0; j < rows; ++j)
+      distance_ = std::min(distance_, std::abs(change(c, x[k - 1], x[k + j]) -
+                                               at(static_cast<double>(j) - centre_)));
+  }
+  double distance() const { return distance_; }  // of the rows from it, the smallest
+  double of_sides() const {                      // rms distance of the rows before and after
+    double sum = 0;
+    for (std::size_t j = 0; j < place_.size(); ++j) sum += std::pow(y_[j] - at(place_[j]), 2);
+    return std::sqrt(sum / (2 * kAround - 3));  // three parameters
+  }
+
+ private:
+  double at(double place) const { return a0_ + a1_ * place + a2_ * place * place; }
+
+  double centre_;
+  std::array<double, 2 * kAround> place_, y_;
+  double a0_ = 0, a1_ = 0, a2_ = 0, distance_ = 1e308;
 };
-Excursion excursion(const RawColumn& c, const std::vector<double>& x, std::size_t k,
-                    std::size_t rows) {
-  std::array<double, 2 * kAround> place, y;
-  const double centre = 0.5 * static_cast<double>(rows - 1);
-  for (std::size_t j = 0; j < kAround; ++j) {
-    const std::size_t before = k - kAround + j, behind = k + rows + j;
-    place[j] = static_cast<double>(j) - kAround - centre;
-    place[kAround + j] = static_cast<double>(rows + j) - centre;
-    y[j] = change(c, x[k - 1], x[before]);
-    y[kAround + j] = change(c, x[k - 1], x[behind]);
-  }
-  double s2 = 0, s4 = 0, b0 = 0, b1 = 0, b2 = 0;
-  for (std::size_t j = 0; j < place.size(); ++j) {
-    const double p2 = place[j] * place[j];
-    s2 += p2, s4 += p2 * p2;
-    b0 += y[j], b1 += place[j] * y[j], b2 += p2 * y[j];
-  }
-  const double n = 2 * kAround, det = n * s4 - s2 * s2;
-  const double a0 = (s4 * b0 - s2 * b2) / det, a1 = b1 / s2, a2 = (n * b2 - s2 * b0) / det;
-  const auto curve = [&](double p) { return a0 + a1 * p + a2 * p * p; };
-  Excursion e{.distance = 1e308};
-  for (std::size_t j = 0; j < place.size(); ++j) e.of_sides += std::pow(y[j] - curve(place[j]), 2);
-  e.of_sides = std::sqrt(e.of_sides / (n - 3));  // three parameters
-  for (std::size_t j = 0; j < rows; ++j)
-    e.distance = std::min(e.distance, std::abs(change(c, x[k - 1], x[k + j]) -
-                                               curve(static_cast<double>(j) - centre)));
-  return e;
-}
 
 }  // namespace
 
@@ -105,7 +110,7 @@ bool GlitchScan::asked_for(const RawLog& raw, std::size_t k, double times_usual)
     const double far = kAsFar * times_usual * signals_[c].spread.sigma();
     for (const std::size_t row : {k - 1, k})
       if (row >= kAround && row + kAround < i.size() && i[row] != i[row - 1] &&
-          excursion(column, i, row, 1).distance > far)
+          Parabola(column, i, row, 1).distance() > far)
         return true;
   }
   return false;
@@ -137,7 +142,7 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
   };
   // Updates the usual distances before any row is judged; those of currents precede the voltages.
   const std::size_t signals = raw_columns().size();
-  std::vector<std::vector<Excursion>> of_one_row(signals, std::vector<Excursion>(raw.size()));
+  std::vector<std::vector<double>> distance_of_one(signals, std::vector<double>(raw.size()));
   for_each_index(signals, [&](std::size_t c) {
     const RawColumn& column = raw_columns()[c];
     const std::vector<double>& x = raw.*column.values;
@@ -147,8 +152,8 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
       const double step = step_of(column, x[k - 1], x[k]);
       if (step > 0 && (s.step == 0 || step < s.step)) s.step = step;
       if (!whole(k, 1)) continue;
-      of_one_row[c][k] = excursion(column, x, k, 1);
-      s.spread.add(of_one_row[c][k].distance);
+      distance_of_one[c][k] = Parabola(column, x, k, 1).distance();
+      s.spread.add(distance_of_one[c][k]);
     }
   });
   std::vector<std::vector<Candidate>> found(signals);
@@ -169,15 +174,19 @@ void GlitchScan::look(const RawLog& raw, const std::vector<char>& stale, std::si
       const double recently = s.recently;
       for (std::size_t rows = 1; rows <= kLongest; ++rows) {
         if (!whole(k, rows)) break;
-        const Excursion e = rows == 1 ? of_one_row[c][k] : excursion(column, x, k, rows);
-        if (rows == 1) s.recently += (std::min(e.distance, 4 * recently + usual) - recently) / 64;
-        const double scatter = std::max({usual, recently, e.of_sides});
-        if (!(e.distance > std::max(kFar * scatter, kSteps * s.step))) continue;
+        const double distance =
+            rows == 1 ? distance_of_one[c][k] : Parabola(column, x, k, rows).distance();
+        if (rows == 1) s.recently += (std::min(distance, 4 * recently + usual) - recently) / 64;
+        const auto is_far = [&](double scatter) {
+          return distance > std::max(kFar * scatter, kSteps * s.step);
+        };
+        if (!is_far(std::max(usual, recently))) continue;
+        const double scatter = std::max({usual, recently, Parabola(column, x, k, rows).of_sides()});
+        if (!is_far(scatter)) continue;
         if (stale[k] || x[k] == x[k - 1]) break;
-        if (is_voltage(column) &&
-            (answered(raw, k, rows) || asked_for(raw, k, e.distance / scatter)))
+        if (is_voltage(column) && (answered(raw, k, rows) || asked_for(raw, k, distance / scatter)))
           break;
-        found[c].push_back({{c, raw.t[k], raw.t[k + rows - 1]}, e.distance});
+        found[c].push_back({{c, raw.t[k], raw.t[k + rows - 1]}, distance});
         s.bad_until = raw.t[k + rows - 1];
         marked[c].push_back(k);
         break;

@@ -71,7 +71,8 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
   now_ = left.torque(outputs);
   if (left.noise_torque.size() > 0)
     noise_ = chain.noise().scale_torque * left.noise_torque(outputs);
-  acceleration_ = chain.remembered_columns(*make_of(Traits::Family::kInertia))[0].torque(outputs);
+  acceleration_ =
+      chain.remembered_columns(*make_of(Traits::Family::kInertia))->front().torque(outputs);
 }
 
 ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {

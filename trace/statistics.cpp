@@ -10,7 +10,8 @@ namespace {
 // Regularised upper incomplete gamma function: series below a + 1, continued fraction above.
 double gamma_tail(double a, double x) {
   if (x <= 0) return 1;
-  const double front = std::exp(-x + a * std::log(x) - std::lgamma(a));
+  int sign = 0;  // std::lgamma writes it into a global variable: a race between threads
+  const double front = std::exp(-x + a * std::log(x) - ::lgamma_r(a, &sign));
   if (x < a + 1) {
     double term = 1 / a, sum = term;
     for (int n = 1; n < 10000 && term > 1e-16 * sum; ++n) sum += term *= x / (a + n);

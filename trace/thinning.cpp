@@ -71,11 +71,15 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   const auto plain = [&](const std::vector<double>& x) {
     return weighted(x, [&](std::size_t, std::size_t row) { return x[row]; });
   };
-  // Rotated by the angle of the rotor from the row to k.
-  const auto turned = [&](const std::vector<Vec2>& x) {
-    return weighted(x, [&](std::size_t k, std::size_t row) -> Vec2 {
+  // Voltages and currents as columns, rotated by the angle of the rotor from the row to k.
+  const auto turned = [&](const std::vector<Eigen::Matrix2d>& x) {
+    return weighted(x, [&](std::size_t k, std::size_t row) -> Eigen::Matrix2d {
       if (row == k) return x[row];
-      return inverse_park(x[row], n_p * (record.theta_m[k] - record.theta_m[row]));
+      const auto [s, c] = math::sincos(n_p * (record.theta_m[k] - record.theta_m[row]));
+      Eigen::Matrix2d there;
+      there.row(0) = c * x[row].row(0) - s * x[row].row(1);
+      there.row(1) = s * x[row].row(0) + c * x[row].row(1);
+      return there;
     });
   };
   Record out;
@@ -88,13 +92,20 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   out.i_q_alone = record.i_q_alone;
   out.angle = record.angle;
   out.t = taken(record.t, at);
-  std::vector<Vec2> u_mean = record.u_alphabeta;
-  for (std::size_t k = 0; k + rows <= u_mean.size(); ++k) {
-    for (std::size_t l = 1; l < rows; ++l) u_mean[k] += record.u_alphabeta[k + l];
-    u_mean[k] /= static_cast<double>(rows);
+  const bool u = !record.u_alphabeta.empty(), i = !record.i_alphabeta.empty();
+  std::vector<Eigen::Matrix2d> u_and_i(u || i ? record.size() : 0, Eigen::Matrix2d::Zero());
+  for (std::size_t k = 0; k < u_and_i.size(); ++k) {
+    if (i) u_and_i[k].col(1) = record.i_alphabeta[k];
+    if (!u) continue;
+    u_and_i[k].col(0) = record.u_alphabeta[k];
+    if (k + rows > record.size()) continue;
+    for (std::size_t l = 1; l < rows; ++l) u_and_i[k].col(0) += record.u_alphabeta[k + l];
+    u_and_i[k].col(0) /= static_cast<double>(rows);
   }
-  out.u_alphabeta = turned(u_mean);
-  out.i_alphabeta = turned(record.i_alphabeta);
+  for (const Eigen::Matrix2d& columns : turned(u_and_i)) {
+    if (u) out.u_alphabeta.emplace_back(columns.col(0));
+    if (i) out.i_alphabeta.emplace_back(columns.col(1));
+  }
   out.theta_m = plain(record.theta_m);
   out.v_dc = plain(record.v_dc);
   out.T_load = plain(record.T_load);
