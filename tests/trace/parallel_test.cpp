@@ -3,8 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
+#include <mutex>
 #include <numeric>
+#include <set>
 #include <stdexcept>
+#include <thread>
 #include <vector>
 
 namespace twinrate::parallel_test {
@@ -31,6 +35,37 @@ TEST(ForEachIndex, ThrowsWhatACallThrewAndStopsEarly) {
     EXPECT_STREQ(error.what(), "step 3");
   }
   EXPECT_LT(calls, 1'000'000);
+}
+
+TEST(ForEachIndex, AStepInsideAStepStartsNoMoreThreadsThanThereAreCpus) {
+  std::atomic<int> working = 0, most = 0, calls = 0;
+  for_each_index(6, [&](std::size_t) {
+    for_each_index(6, [&](std::size_t) {
+      for (int now = ++working, before = most; now > before;)
+        if (most.compare_exchange_weak(before, now)) break;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      --working, ++calls;
+    });
+  });
+  EXPECT_EQ(calls, 36);
+  EXPECT_LE(most, static_cast<int>(std::thread::hardware_concurrency()));
+  // Both levels give their threads back: a later step is parallel again.
+  std::set<std::thread::id> threads;
+  std::mutex guard;
+  for_each_index(64, [&](std::size_t) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    const std::lock_guard lock(guard);
+    threads.insert(std::this_thread::get_id());
+  });
+  if (std::thread::hardware_concurrency() > 1) {
+    EXPECT_GT(threads.size(), 1U);
+  }
+}
+
+TEST(Together, RunsEveryStep) {
+  int a = 0, b = 0, c = 0;
+  together({[&] { a = 1; }, [&] { b = 2; }, [&] { c = 3; }});
+  EXPECT_EQ(a + 10 * b + 100 * c, 321);
 }
 
 }  // namespace
