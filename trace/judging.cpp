@@ -1,11 +1,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <atomic>
 #include <limits>
+#include <optional>
 #include <string_view>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
+#include "trace/parallel.hpp"
 #include "trace/selection.hpp"
 #include "trace/settling.hpp"
 
@@ -104,39 +107,60 @@ class Judge {
     return slope && get_key(effect, slope) == 0;
   }
 
-  // Replaces a member by another kind or form if the score is better and the held-out error is at
-  // most kWorseRatio times the present one.
-  bool swap_one() {
-    looks_.clear();
-    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      looks_.push_back(look_without(m));
-      const Fit without = looks_.back().without;
-      const double gain_now = score_of(fitter_, without) - score_of(fitter_, selection_.fit);
-      std::size_t tried = 0;
-      for (const Score& s : looks_.back().ranking) {
-        if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
-        // Another form of an effect with coefficients is tried at the end (settle()).
-        const bool settled_later = s.effect->kind() == selection_.fit.members[m]->kind() &&
-                                   s.effect->tracing().regressor_count() > 0;
-        if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
-        ++tried;
-        Fit next = refined(looks_.back(), s);
-        if (is_flat_drop(*next.members.back())) continue;  // equals a dead time
-        const double gain = score_of(fitter_, without) - score_of(fitter_, next);
-        const Effect &newer = *next.members.back(), &older = *selection_.fit.members[m];
-        if (gain + credit(newer, older, gain) <= gain_now + credit(older, newer, gain_now) + 1 ||
-            !acceptable(fitter_, next, without) ||
-            next.rss_held_out > kWorseRatio * selection_.fit.rss_held_out)
-          continue;
-        if (say_)
-          say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", s.effect->kind(),
-                           selection_.fit.members[m]->kind(), gain, gain_now));
-        selection_.fit = std::move(next);
-        looks_.clear();
-        return true;
-      }
+  struct Swap {
+    Fit fit;
+    std::string newer;  // kind
+    double gain = 0, gain_now = 0;
+  };
+  // The first fit with another kind or form of a member whose score is better and whose held-out
+  // error is at most kWorseRatio times the present one.
+  std::optional<Swap> swap_of(std::size_t m, WithoutOne& look) const {
+    const Fit& without = look.without;
+    const double gain_now = score_of(fitter_, without) - score_of(fitter_, selection_.fit);
+    std::size_t tried = 0;
+    for (const Score& s : look.ranking) {
+      if (s.gain < 0.5 * gain_now || tried >= kMostTried) break;
+      // Another form of an effect with coefficients is tried at the end (settle()).
+      const bool settled_later = s.effect->kind() == selection_.fit.members[m]->kind() &&
+                                 s.effect->tracing().regressor_count() > 0;
+      if (settled_later || same_form(*s.effect, *selection_.fit.members[m])) continue;
+      ++tried;
+      const Fit& next = refined(look, s);
+      if (is_flat_drop(*next.members.back())) continue;  // equals a dead time
+      const double gain = score_of(fitter_, without) - score_of(fitter_, next);
+      const Effect &newer = *next.members.back(), &older = *selection_.fit.members[m];
+      if (gain + credit(newer, older, gain) <= gain_now + credit(older, newer, gain_now) + 1 ||
+          !acceptable(fitter_, next, without) ||
+          next.rss_held_out > kWorseRatio * selection_.fit.rss_held_out)
+        continue;
+      return Swap{next, std::string(s.effect->kind()), gain, gain_now};
     }
-    return false;
+    return std::nullopt;
+  }
+
+  // Takes the swap of the first member that has one.
+  bool swap_one() {
+    const std::size_t count = selection_.fit.members.size();
+    looks_.clear();
+    looks_.resize(count);
+    std::vector<std::optional<Swap>> swaps(count);
+    std::atomic<std::size_t> first = count;
+    for_each_index(count, [&](std::size_t m) {
+      if (m > first) return;
+      looks_[m] = look_without(m);
+      swaps[m] = swap_of(m, looks_[m]);
+      if (!swaps[m]) return;
+      for (std::size_t now = first; m < now && !first.compare_exchange_weak(now, m);) {
+      }
+    });
+    if (first == count) return false;
+    Swap& swap = *swaps[first];
+    if (say_)
+      say_(fmt::format("  {} in place of {}: {:.0f} against {:.0f}", swap.newer,
+                       selection_.fit.members[first]->kind(), swap.gain, swap.gain_now));
+    selection_.fit = std::move(swap.fit);
+    looks_.clear();
+    return true;
   }
 
   // Drops the member without which the held-out error is smallest, if it is smaller.
@@ -156,32 +180,40 @@ class Judge {
   }
 
   void judge_members() {
-    selection_.members.clear();
-    for (std::size_t m = 0; m < selection_.fit.members.size(); ++m) {
-      const bool known = looks_.size() == selection_.fit.members.size();
-      WithoutOne look = known ? std::move(looks_[m]) : look_without(m);
-      Selected s{.without = look.without};
-      s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
-      s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
-      s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
-      std::size_t tried = 0;
-      for (const Score& other : look.ranking) {
-        if (tried >= (other.gain > kAsGood * s.score_gain ? kMostAsGood : kMostTried)) break;
-        if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
-        ++tried;
-        Alternative a{std::string(other.effect->kind()), other.gain, kNotRefined, "",
-                      static_cast<double>(parameters_of(*other.effect))};
-        if (other.gain > 0.5 * s.score_gain) {
-          const Fit next = refined(look, other);
-          a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
-          a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
-          if (!next.valid) a.why = "its parameters are outside their physical range";
-        }
-        if (a.why.empty()) a.why = kExplainsLess;
-        s.alternatives.push_back(std::move(a));
-      }
-      selection_.members.push_back(std::move(s));
+    const std::size_t count = selection_.fit.members.size();
+    if (looks_.size() != count) {
+      looks_.clear();
+      looks_.resize(count);
+      for_each_index(count, [&](std::size_t m) { looks_[m] = look_without(m); });
     }
+    selection_.members.clear();
+    selection_.members.resize(count);
+    for_each_index(count,
+                   [&](std::size_t m) { selection_.members[m] = judged(m, std::move(looks_[m])); });
+    looks_.clear();
+  }
+  Selected judged(std::size_t m, WithoutOne look) const {
+    Selected s{.without = look.without};
+    s.score_gain = score_of(fitter_, s.without) - score_of(fitter_, selection_.fit);
+    s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
+    s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
+    std::size_t tried = 0;
+    for (const Score& other : look.ranking) {
+      if (tried >= (other.gain > kAsGood * s.score_gain ? kMostAsGood : kMostTried)) break;
+      if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
+      ++tried;
+      Alternative a{std::string(other.effect->kind()), other.gain, kNotRefined, "",
+                    static_cast<double>(parameters_of(*other.effect))};
+      if (other.gain > 0.5 * s.score_gain) {
+        const Fit next = refined(look, other);
+        a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
+        a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
+        if (!next.valid) a.why = "its parameters are outside their physical range";
+      }
+      if (a.why.empty()) a.why = kExplainsLess;
+      s.alternatives.push_back(std::move(a));
+    }
+    return s;
   }
 
   const Fitter& fitter_;

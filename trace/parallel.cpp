@@ -25,24 +25,15 @@ std::ptrdiff_t usable_cpus() {
   return std::max(1, CPU_COUNT(&cpus));
 }
 
-// The number of further threads, at most `wanted`, until it goes.
-class Granted {
- public:
-  explicit Granted(std::ptrdiff_t wanted) {
-    const std::ptrdiff_t most = std::min(usable_cpus(), kMostThreads) - 1;
-    for (std::ptrdiff_t now = working; wanted > 0;) {
-      count_ = std::clamp<std::ptrdiff_t>(most - now, 0, wanted);
-      if (count_ == 0 || working.compare_exchange_weak(now, now + count_)) return;
-    }
+// Number of further threads that may start now, at most `wanted`; each is working until it ends.
+std::ptrdiff_t take_threads(std::ptrdiff_t wanted) {
+  const std::ptrdiff_t most = std::min(usable_cpus(), kMostThreads) - 1;
+  for (std::ptrdiff_t now = working;;) {
+    const std::ptrdiff_t count = std::min(most - now, wanted);
+    if (count <= 0) return 0;
+    if (working.compare_exchange_weak(now, now + count)) return count;
   }
-  ~Granted() { working -= count_; }
-  Granted(const Granted&) = delete;
-  Granted& operator=(const Granted&) = delete;
-  std::ptrdiff_t count() const { return count_; }
-
- private:
-  std::ptrdiff_t count_ = 0;
-};
+}
 
 }  // namespace
 
@@ -64,14 +55,23 @@ void for_each_index(std::size_t count, const std::function<void(std::size_t)>& f
       }
     }
   };
-  const Granted granted(static_cast<std::ptrdiff_t>(count) - 1);
+  std::ptrdiff_t to_start = take_threads(static_cast<std::ptrdiff_t>(count) - 1);
   std::vector<std::jthread> threads;
   try {
-    for (std::ptrdiff_t t = 0; t < granted.count(); ++t) threads.emplace_back(work);
+    for (; to_start > 0; --to_start)
+      threads.emplace_back([&] {
+        work();
+        --working;
+      });
   } catch (const std::system_error&) {  // a limit of threads: those that started do all steps
+    working -= to_start;
   }
   work();
-  threads.clear();
+  if (!threads.empty()) {
+    --working;  // while this one waits, a step of the others may use its CPU
+    threads.clear();
+    ++working;
+  }
   if (thrown) std::rethrow_exception(thrown);
 }
 

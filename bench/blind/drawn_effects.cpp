@@ -46,8 +46,10 @@ class Maker {
 };
 
 void cogging(Maker& m) {
+  constexpr int kHighest = 2000;  // that a model can have
   const int slots = m.machine().n_slots, poles = 2 * m.machine().n_p;
-  const int orders[] = {slots, poles, std::lcm(slots, poles), m.draw().whole(2, 60)};
+  const int common = std::lcm(slots, poles);
+  const int orders[] = {slots, poles, common <= kHighest ? common : slots, m.draw().whole(2, 60)};
   m.key("order", orders[m.draw().whole(0, 3)]);
   m.key("amplitude_Nm", m.torque(4e-3));
   m.phase();
