@@ -57,6 +57,7 @@ struct Summary {
   double window_from_s = 0;         // from the first tick of the log
   std::optional<double> lost_at_s;  // first sign of the loss in the whole run, if not locked
   std::string lost_why;             // criterion that failed first
+  bool never_handed_over = false;   // the start was not over at the end of the run
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
   std::optional<double> speed_ripple_rms, speed_ripple_harmonics_rms;
   double duration_s = 0;        // from the first to the last tick

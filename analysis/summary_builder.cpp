@@ -277,6 +277,7 @@ void SummaryBuilder::set_lock() {
     return;
   }
   s.locked = false;
+  s.never_handed_over = true;
   s.lost_why = "no hand-over to the estimate before the end";
 }
 

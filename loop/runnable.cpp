@@ -107,6 +107,14 @@ class Theory {
     return list;
   }
 
+  // Alignment, ramp and agreement, of either controller.
+  double start_takes_s() const {
+    const std::string startup = "controller." + d_.controller.kind + ".startup.";
+    return 2 * value(startup + "t_align_s") +
+           value(startup + "omega_e_handover_rad_s") / value(startup + "acceleration_rad_s2") +
+           value(startup + "t_agree_s");
+  }
+
  private:
   template <class Builder>
   void read(const std::string& path, const Builder& builder) {
@@ -238,13 +246,6 @@ class Theory {
         "{} may lose synchronism: it starts at 0, the rotor {:.0f} deg away; start = "
         "align_if finds it",
         d_.estimator.kind, from * 180 / kPi);
-  }
-  // Alignment, ramp and agreement, of either controller.
-  double start_takes_s() const {
-    const std::string startup = "controller." + d_.controller.kind + ".startup.";
-    return 2 * value(startup + "t_align_s") +
-           value(startup + "omega_e_handover_rad_s") / value(startup + "acceleration_rad_s2") +
-           value(startup + "t_agree_s");
   }
   // The hand-over has come or given up, or the first ramp has ended, and the run has settled.
   double start_shows_by_s() const {
@@ -412,6 +413,11 @@ std::vector<std::string> texts_of(const std::vector<Warning>& warnings) {
   texts.reserve(warnings.size());
   for (const Warning& w : warnings) texts.push_back(w.text);
   return texts;
+}
+
+double start_takes_s(Config& config) {
+  if (config.drive().start != Start::kAlignIf) return 0;
+  return Theory(config, make_filter(config)).start_takes_s();
 }
 
 std::vector<Warning> check_runnable(Config& config) {

@@ -38,4 +38,8 @@ std::vector<std::string> texts_of(const std::vector<Warning>& warnings);
 // loss of synchronism. loop/trial_run.hpp tries those reasons. Requires read_all_tables().
 std::vector<Warning> check_runnable(Config& config);
 
+// Time of the start of `align_if` until the hand-over to the estimate, s: alignment, ramp and
+// agreement. 0 for other starts. Requires read_all_tables().
+double start_takes_s(Config& config);
+
 }  // namespace twinrate

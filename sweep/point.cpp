@@ -235,7 +235,14 @@ void expect_speeds_reached(const Plan& plan, const DriveConfig& base) {
       if (1e-9 * static_cast<double>(tick.measurement.t_ns) >= d.run.settle_s)
         sum += tick.truth.omega_m, ++count;
     }
-    if (!summarise(log, d).locked.value_or(false) || count == 0) continue;  // a loss at n = 1
+    const Summary summary = summarise(log, d);
+    if (summary.never_handed_over)
+      throw BadInput(
+          fmt::format("--speeds: {:g} Hz: the start has not handed over to the estimate by the end "
+                      "at {:.3g} s, "
+                      "with a gain every tick; --start switched begins at speed",
+                      f_e_Hz, d.run.duration_s));
+    if (!summary.locked.value_or(false) || count == 0) continue;  // a loss at n = 1
     const double turned_Hz = d.machine.n_p * sum / count / kTwoPi;
     if (std::abs(turned_Hz / f_e_Hz - 1) > kNear)
       throw BadInput(fmt::format(

@@ -7,6 +7,7 @@
 #include "core/paths.hpp"
 #include "core/process.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "sweep/cost.hpp"
 #include "sweep/figure.hpp"
 #include "sweep/merge.hpp"
@@ -40,7 +41,8 @@ int sweep_fb(SweepOptions o) {
     o.plan.speeds_Hz = {recorded_f_e_Hz(read_run_log(o.plan.log), o.plan)};
     o.plan.seeds = 1;
   }
-  const Config config = load_drive(o.plan.drive, o.plan.overrides);
+  Config config = load_drive(o.plan.drive, o.plan.overrides);
+  o.plan.start_takes_s = start_takes_s(config);
   if (o.plan.log.empty()) expect_speeds_reached(o.plan, config.drive());
   const std::string directory = shard_directory(o);
   ResultDirectory result(directory, ResultKind::kSweep, o.force, o.resume);

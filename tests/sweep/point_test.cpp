@@ -6,6 +6,7 @@
 #include "lanes/engine.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "tests/sweep/small_plan.hpp"
 
 namespace twinrate::sweep {
@@ -57,6 +58,22 @@ TEST(RecordedDrive, TheFilterAloneHasTheLimitOfTheClosedLoopWithinOneStep) {
   RunLog bare = log;
   bare.config_toml.clear();
   EXPECT_EQ(run_on_log(bare, joint, search, 3).n, 3);
+}
+
+// A drive of align_if turns only after its start. Without the time of the start its window would end
+// before the hand-over, and every gain would be a loss.
+TEST(Speeds, TheWindowBeginsAfterTheStart) {
+  Plan plan{.drive = "siemens_1ft7044", .speeds_Hz = {60}, .policies = {"paper"}, .seeds = 1};
+  Config config = load_drive(plan.drive);
+  const DriveConfig& base = config.drive();
+  EXPECT_THROW(expect_speeds_reached(plan, base), BadInput);
+  const PointTimes before = point_times(plan, base, 60, 1);
+  plan.start_takes_s = start_takes_s(config);
+  EXPECT_GT(plan.start_takes_s, 0.1);
+  EXPECT_NEAR(point_times(plan, base, 60, 1).settle_s, before.settle_s + plan.start_takes_s, 1e-12);
+  EXPECT_NO_THROW(expect_speeds_reached(plan, base));
+  Config aligned = load_drive("dilys2021");
+  EXPECT_EQ(start_takes_s(aligned), 0);
 }
 
 // At 24 V the EMF of 400 Hz is beyond the voltage, and J = 1e-2 kgm2 does not follow the ramp.
