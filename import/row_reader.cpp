@@ -106,6 +106,12 @@ bool RowReader::take() {
   if (extra && std::any_of(fields_.begin() + static_cast<std::ptrdiff_t>(width_), fields_.end(),
                            [](auto f) { return !f.empty(); }))
     fail(fmt::format("{} fields, the header has {}", fields_.size(), width_));
+  if (csv_.at_end() && csv_.cut_off()) {
+    if (fields_.back().size() < shortest_last_)
+      return leave_out_truncated("its last field is shorter than in every row before");
+  } else {
+    shortest_last_ = std::min(shortest_last_, fields_.back().size());
+  }
   values_.clear();
   bool cut = false;
   for (const Source& source : sources_) {
@@ -223,9 +229,11 @@ std::vector<std::string> RowReader::notes() const {
     notes.push_back(fmt::format("{} repeated sample{} skipped, the first at line {}", repeated_,
                                 repeated_ == 1 ? "" : "s", first_repeated_));
   if (csv_.cut_off() && truncated_note_.empty())
-    notes.push_back(fmt::format(
-        "the file does not end with a line end; line {} has all its fields and was kept",
-        csv_.line()));
+    notes.push_back(
+        fmt::format("the file does not end with a line end; line {} has all its fields, the last "
+                    "one no shorter than "
+                    "in other rows, and was kept",
+                    csv_.line()));
   return notes;
 }
 

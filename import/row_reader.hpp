@@ -3,6 +3,7 @@
 // Throws BadInput, one line with file:line: missing column, text in a number, number not finite,
 // duty outside 0 to 1, time not rising, truncated last line.
 #pragma once
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -79,6 +80,7 @@ class RowReader {
   std::int64_t rising_ = 0;  // rows so far, each later than the one before
   double turns_ = 0;
   std::string truncated_note_;
+  std::size_t shortest_last_ = std::numeric_limits<std::size_t>::max();  // characters, last field
   std::int64_t repeated_ = 0;
   int first_repeated_ = 0;
 };

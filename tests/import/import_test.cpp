@@ -329,6 +329,19 @@ TEST_F(Import, RepairLeavesATruncatedLastLineAndRepeatedSamplesOut) {
   EXPECT_EQ(repaired.size(), static_cast<std::size_t>(kRows - 1));
   EXPECT_EQ(repaired.notes, std::vector<std::string>{"truncated last line 301 skipped"});
 
+  // Cut inside the last number: all fields are there.
+  const auto rows = [](const std::string& last) {
+    std::string text = "t,i_q,theta_m\n";
+    for (int k = 0; k < kRows; ++k) text += fmt::format("{},0.5,{:.6f}\n", k / kRate_Hz, 0.01 * k);
+    return text + fmt::format("{},0.5,{}", kRows / kRate_Hz, last);
+  };
+  EXPECT_NE(refusal(write("cut.csv", rows("3"))).find("its last field is shorter"),
+            std::string::npos);
+  EXPECT_EQ(read_drive_rows(write("cut.csv", rows("3")), nullptr, true).size(),
+            static_cast<std::size_t>(kRows));
+  EXPECT_EQ(read_drive_rows(write("whole.csv", rows("3.000000")), nullptr, false).size(),
+            static_cast<std::size_t>(kRows + 1));
+
   const auto twice = [](int k) { return plain_row(k > 50 ? k - 1 : k); };
   const std::string repeated = csv("t,i_q,theta_m", twice);
   EXPECT_TRUE(refusal(repeated).starts_with("log.csv:53: time repeats at 0.01 s"));
