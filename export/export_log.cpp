@@ -69,6 +69,10 @@ class Outlet {
     if (list.empty())
       throw BadInput(streams_.empty()
                          ? fmt::format("{}: holds no message of the channels asked for", log)
+                     : first_ns_ > last_ns_
+                         ? fmt::format("{}: the samples that --resample asks for are further apart "
+                                       "than the log is long",
+                                       log)
                          : fmt::format("{}: nothing between --from and --to; the log runs from "
                                        "{:.6g} to {:.6g} s",
                                        log, 1e-9 * static_cast<double>(first_ns_),
