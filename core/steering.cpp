@@ -362,6 +362,14 @@ std::set<std::string_view> keys_of(std::string_view lines) {
 }
 }  // namespace
 
+bool requests_rates(const RunLog& log) {
+  const std::vector<AppliedSteering> requests = steering_in(log);
+  return std::any_of(requests.begin(), requests.end(), [](const AppliedSteering& request) {
+    const std::set<std::string_view> keys = keys_of(request.lines);
+    return keys.contains("n") || keys.contains("policy");
+  });
+}
+
 std::string why_not_applied(const std::vector<AppliedSteering>& requests, std::size_t i,
                             std::int64_t last_k) {
   if (requests[i].k > last_k) return "not applied: the run ended before";

@@ -105,6 +105,8 @@ struct AppliedSteering {
 };
 struct RunLog;
 std::vector<AppliedSteering> steering_in(const RunLog& log);
+// True if a request set n or the gain policy.
+bool requests_rates(const RunLog& log);
 // The reason why request i of the log was never applied: the run, of which `last_k` is the last
 // tick, ended before its tick, or a later request for an earlier tick replaced all of its keys. ""
 // if it was applied.
