@@ -108,7 +108,8 @@ bool RowReader::take() {
     fail(fmt::format("{} fields, the header has {}", fields_.size(), width_));
   if (csv_.at_end() && csv_.cut_off()) {
     if (fields_.back().size() < shortest_last_)
-      return leave_out_truncated("its last field is shorter than in every row before");
+      return leave_out_truncated(
+          "it has no line end, and its last field is shorter than in every other row");
   } else {
     shortest_last_ = std::min(shortest_last_, fields_.back().size());
   }
@@ -229,11 +230,10 @@ std::vector<std::string> RowReader::notes() const {
     notes.push_back(fmt::format("{} repeated sample{} skipped, the first at line {}", repeated_,
                                 repeated_ == 1 ? "" : "s", first_repeated_));
   if (csv_.cut_off() && truncated_note_.empty())
-    notes.push_back(
-        fmt::format("the file does not end with a line end; line {} has all its fields, the last "
-                    "one no shorter than "
-                    "in other rows, and was kept",
-                    csv_.line()));
+    notes.push_back(fmt::format(
+        "the file does not end with a line end; line {} has all its fields, the last one no "
+        "shorter than the shortest of other rows, and was kept",
+        csv_.line()));
   return notes;
 }
 

@@ -75,7 +75,8 @@ bool set_shard_from_launcher(Plan& plan) {
 }
 
 // Window of the verdict: starts 0.5 s after the end of the ramp (0.3 s after the switch), another
-// 0.5 s later with a load. A start of align_if turns the drive first, so its time comes before. Length: 1 s, five electrical turns or three gains, the longest of these.
+// 0.5 s later with a load. A start of align_if delays the ramp. Length: 1 s, five electrical turns or
+// three gains, the longest of these.
 PointTimes point_times(const Plan& plan, const DriveConfig& base, double f_e_Hz, int n) {
   const double T_s = base.T_s();
   PointTimes times{.settle_s = plan.start_takes_s + kTwoPi * f_e_Hz / plan.ramp_rad_s2 + 0.5};

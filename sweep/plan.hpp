@@ -26,7 +26,7 @@ struct Plan {
   std::string engine = "lanes";  // in process: lanes/engine.hpp if it covers the drive; "reference"
   std::string log;               // a recorded drive instead of simulated ones
   int shard = 0, shards = 1;
-  double start_takes_s = 0;  // until the hand-over to the estimate; before it no gain decides
+  double start_takes_s = 0;  // loop/runnable.hpp, of the drive: the window comes later by it
 };
 
 struct Search {

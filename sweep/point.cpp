@@ -238,8 +238,7 @@ void expect_speeds_reached(const Plan& plan, const DriveConfig& base) {
     const Summary summary = summarise(log, d);
     if (summary.never_handed_over)
       throw BadInput(
-          fmt::format("--speeds: {:g} Hz: the start has not handed over to the estimate by the end "
-                      "at {:.3g} s, "
+          fmt::format("--speeds: {:g} Hz: no hand-over to the estimate before the end at {:.3g} s, "
                       "with a gain every tick; --start switched begins at speed",
                       f_e_Hz, d.run.duration_s));
     if (!summary.locked.value_or(false) || count == 0) continue;  // a loss at n = 1

@@ -141,7 +141,10 @@ int run_doctor(const DoctorOptions& options) {
   if (options.json)
     std::cout << nlohmann::ordered_json{{"launch_can_run", runs}}.dump() << "\n";
   else
-    fmt::print("{}\n", runs ? "launch can run here" : "launch cannot run here");
+    fmt::print(
+        "{}\n",
+        runs ? "launch can run here"
+             : "launch cannot run here as it is; at its start it tries the same as doctor --mend");
   return runs ? 0 : 3;
 }
 
