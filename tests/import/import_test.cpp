@@ -268,6 +268,9 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
             "log.csv:22: i_q: a finite number needed, found \"nan\"");
   EXPECT_EQ(refusal(csv(header, change(22, "0.001,1,1"))),
             "log.csv:22: time decreases from 0.0038 s to 0.001 s; it must increase");
+  EXPECT_EQ(refusal(csv(header, change(22, "90000.004,1,1"))),
+            "log.csv:22: time jumps by 1.04 days from 0.0038 s to 90000.004 s; at most one day "
+            "between two rows is allowed");
   EXPECT_EQ(refusal(csv(header, change(22, "0.004,1"))),
             "log.csv:22: 2 of 3 fields; every row needs all of them");
   EXPECT_EQ(refusal(csv(header, plain_row, 199)), "log.csv:200: 199 rows, at least 200 needed");
@@ -278,6 +281,8 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
   EXPECT_EQ(refusal(csv("time,i_q,theta_m", plain_row)),
             "log.csv:1: missing column \"t\"; the file has time, i_q, theta_m");
   EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");
+  fs::create_directory(directory_ / "day.csv");
+  EXPECT_EQ(refusal((directory_ / "day.csv").string()), "day.csv: a directory; a file is needed");
 }
 
 // The tracer's windows are of seconds: rows of another unit of time made it crash or run on for ever.
