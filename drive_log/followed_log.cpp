@@ -91,7 +91,7 @@ FollowedLog followed(const Record& record, const DriveConfig& drive) {
   log.u_alphabeta = record.u_alphabeta;
   const RecordContributions along(late, points, record);
   for (std::size_t k = 0; !late.empty() && k < points.size(); ++k)
-    log.u_alphabeta[k] -= points[k].stator_axes(along.of_command(k));
+    log.u_alphabeta[k] -= points[k].stator_axes(along.of_interval(k));
   if (shaft.J_load > 0)
     log.load_mass = MotorSide(points, load_behind_shaft(drive.model_effects(), points), record.T_s)
                         .load_mass(shaft);

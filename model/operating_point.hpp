@@ -16,6 +16,9 @@ struct OperatingPoint {
   double T_load = 0;   // external load, if it is known
   // A, part of the terminal current that bypasses the winding that makes the flux (iron_loss).
   Vec2 i_around = Vec2::Zero();
+  // A, change of the terminal current in stator axes over the interval that begins here. A drop that
+  // bends with the current is then its mean over the interval. Zero: a moment.
+  Vec2 i_moves = Vec2::Zero();
   // cos and sin of theta_e, if the caller has computed them; zero: they are computed on demand.
   Vec2 d_axis = Vec2::Zero();
 
@@ -32,6 +35,8 @@ struct OperatingPoint {
   Vec2 phases_to_dq(const Vec3& x_abc) const { return rotor_axes(clarke(x_abc)); }
   // Current at the terminals, at which resistances, the inverter and the sensors are.
   Vec2 i_terminal() const { return i_dq + i_around; }
+  // Its mean over the interval.
+  Vec2 i_terminal_mean() const { return i_terminal() + 0.5 * rotor_axes(i_moves); }
   Vec3 i_abc() const { return inverse_clarke(stator_axes(i_terminal())); }
 };
 

@@ -43,6 +43,16 @@ Vec2 direction(double angle) {
           angle * series(2. * 3, 4. * 5, 6. * 7, 8. * 9, 10. * 11, 12. * 13)};
 }
 
+// The regressors of an effect on the voltage, means over the path. `part` has the size of `columns`.
+void regressors_along(const EffectTracing& tracing, const CurrentPath& path,
+                      std::span<Contribution> columns, std::span<Contribution> part) {
+  for (std::size_t r = 0; r < columns.size(); ++r)
+    columns[r] = {.u_dq_drop = path.mean([&](const OperatingPoint& point) {
+      tracing.regressors(point, part);
+      return part[r].u_dq_drop;
+    })};
+}
+
 // Unit vector halfway between two close unit vectors: 1/|a + b| by its series.
 Vec2 between(const Vec2& a, const Vec2& b) {
   constexpr double kFar = 0.01;
@@ -202,7 +212,7 @@ Channels Equations::assemble(const Signals& s, const Effects& effects,
       psi_before = psi;
       drop_before = drop;
       bent_before = bent;
-      if (added.any_of_command()) not_acting = out_of(axis, added.of_command(k));
+      if (added.any_of_interval()) not_acting = out_of(axis, added.of_interval(k));
     }
     const Vec2 i = mean_of_tick(i_dq, points[k].omega_m);
     const double inner =
@@ -302,8 +312,8 @@ Channels Equations::empty(int acts_on) const {
 }
 
 Equations::Mean Equations::mean_of(const Effect& effect) const {
-  const bool of_command = acts_on_command(effect);
-  return {of_command, of_command ? 0 : effect.drops_by_angle() ? 1 : bent_};
+  const bool of_interval = acts_on_command(effect) || follows_current(effect);
+  return {of_interval, of_interval ? 0 : effect.drops_by_angle() ? 1 : bent_};
 }
 
 inline void Equations::explain(std::size_t k, const Contribution& c, Mean how, Channels& x,
@@ -315,7 +325,7 @@ inline void Equations::explain(std::size_t k, const Contribution& c, Mean how, C
     const bool flux = !x.torque.empty();  // an effect without torque has none
     const Vec2 psi = flux ? out_of(axis, c.psi_dq) : Vec2(0, 0), drop = out_of(axis, c.u_dq_drop);
     if (k > 0) {
-      const Vec2 mean = how.of_command ? before.drop : Vec2(0.5 * (drop + before.drop));
+      const Vec2 mean = how.of_interval ? before.drop : Vec2(0.5 * (drop + before.drop));
       const Vec2 bend = how.bent * before.mean.pass(mean);
       add(x, k - 1, into(s.axes->mid[k], flux ? Vec2(mean + (psi - before.psi) / T_s) : mean));
       if (k > 2) add(x, k - 2, into(s.axes->mid[k - 1], kOfEnds * bend));
@@ -350,11 +360,15 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
     return x;
   }
   for (Channels& one : x) one = empty(effect.acts_on());
-  std::vector<Contribution> all(count);
+  std::vector<Contribution> all(count), part(count);
   std::vector<Before> before(count);
   const Mean how = mean_of(effect);
+  const bool path = follows_current(effect);
   for (std::size_t k = 0; k < points_.size(); ++k) {
-    tracing.regressors(points_[k], all);
+    if (!path || k + 1 == points_.size())
+      tracing.regressors(points_[k], all);
+    else
+      regressors_along(tracing, CurrentPath(points_[k], points_[k + 1]), all, part);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], how, x[r], before[r]);
   }
   return x;
@@ -407,7 +421,7 @@ Channels Equations::contribution(const Effect& effect) const {
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {
       Contribution c = added[k];
-      if (how.of_command) c.u_dq_drop = added.of_command(k);
+      if (how.of_interval) c.u_dq_drop = added.of_interval(k);
       explain(k, c, how, x, before);
     }
     return x;

@@ -138,7 +138,7 @@ class Equations {
     Bend<double> torque{0};
   };
   struct Mean {
-    bool of_command = false;  // of the interval itself
+    bool of_interval = false;  // of the interval itself
     double bent = 0;          // share of a cubic's term
   };
   Mean mean_of(const Effect& effect) const;

@@ -1,15 +1,50 @@
 #include "trace/record_contributions.hpp"
 
 #include <algorithm>
+#include <cmath>
 
+#include "model/effects/catalogue.hpp"
 #include "model/effects/memory.hpp"
 #include "model/effects/shaft.hpp"
 #include "model/effects/tracing.hpp"
+#include "model/math.hpp"
 
 namespace twinrate {
 
 bool acts_on_command(const Effect& effect) {
   return effect.tracing().traits().on_command == Traits::Answer::kYes;
+}
+
+bool follows_current(const Effect& effect) {
+  return is_placed(effect, Traits::Place::kZone);
+}
+
+CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to)
+    : from_(from), to_(to) {
+  constexpr double kStraight = 0.15;  // rad, of an arc that is 0.3 % of its radius from its chord
+  constexpr double kMost = 64;
+  const double turns = std::abs(to.theta_e - from.theta_e) / kStraight;
+  parts_ = static_cast<int>(std::min(kMost, std::max(1.0, std::ceil(turns))));
+}
+
+OperatingPoint CurrentPath::part(int j) const {
+  const auto at = [&](int edge, OperatingPoint& p) {
+    if (edge == 0 || edge == parts_) {
+      if (edge != 0) p = to_;
+      return;
+    }
+    const double share = static_cast<double>(edge) / parts_;
+    p.i_dq += share * (to_.i_dq - from_.i_dq);
+    p.i_around += share * (to_.i_around - from_.i_around);
+    p.theta_e += share * (to_.theta_e - from_.theta_e);
+    const auto [s, c] = math::sincos(p.theta_e);
+    p.d_axis = {c, s};
+  };
+  OperatingPoint begin = from_, end = from_;
+  at(j, begin);
+  at(j + 1, end);
+  begin.i_moves = end.stator_axes(end.i_terminal()) - begin.stator_axes(begin.i_terminal());
+  return begin;
 }
 
 RecordContributions::RecordContributions(const Effects& effects,
@@ -29,6 +64,8 @@ RecordContributions::RecordContributions(const Effects& effects,
       late_ |= acts_on_command(*effect);
     } else if (acts_on_command(*effect)) {
       of_the_command_.push_back(effect.get());
+    } else if (follows_current(*effect)) {
+      of_the_path_.push_back(effect.get());
     } else {
       of_the_point_.push_back(effect.get());
       if (effect->drops_by_angle()) of_the_angle_.push_back(effect.get());
@@ -39,8 +76,11 @@ RecordContributions::RecordContributions(const Effects& effects,
 }
 
 Contribution RecordContributions::operator[](std::size_t k) const {
-  if (around_winding_.empty()) return at(points_[k], k);
-  return at(with_terminals(around_winding_, points_[k]), k);
+  return at(point(k), k);
+}
+
+OperatingPoint RecordContributions::point(std::size_t k) const {
+  return around_winding_.empty() ? points_[k] : with_terminals(around_winding_, points_[k]);
 }
 
 Vec2 RecordContributions::drop_by_angle(std::size_t k) const {
@@ -49,15 +89,22 @@ Vec2 RecordContributions::drop_by_angle(std::size_t k) const {
   return drop;
 }
 
-Vec2 RecordContributions::of_command(std::size_t k) const {
+Vec2 RecordContributions::of_interval(std::size_t k) const {
   Vec2 drop = Vec2::Zero();
   if (late_)
     for (const auto& of_one : with_memory_) drop += of_one[k].u_dq_drop;
-  if (of_the_command_.empty()) return drop;
-  OperatingPoint late = points_[k];
-  late.u_dq -= drop;
-  for (const Effect* effect : of_the_command_) drop += effect->at(late).u_dq_drop;
-  return drop;
+  if (!of_the_command_.empty()) {
+    OperatingPoint late = points_[k];
+    late.u_dq -= drop;
+    for (const Effect* effect : of_the_command_) drop += effect->at(late).u_dq_drop;
+  }
+  if (of_the_path_.empty() || k + 1 >= points_.size()) return drop;
+  const OperatingPoint from = point(k), to = point(k + 1);
+  return drop + CurrentPath(from, to).mean([&](const OperatingPoint& part) {
+    Vec2 sum = Vec2::Zero();
+    for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
+    return sum;
+  });
 }
 
 Contribution RecordContributions::at(const OperatingPoint& point, std::size_t k) const {

@@ -12,23 +12,56 @@ namespace twinrate {
 // two act in sequence: the gain acts on the late voltage.
 bool acts_on_command(const Effect& effect);
 
+// True for a drop that bends with the current so sharply that its mean over an interval is not the
+// mean of its ends: the dead time where a phase current changes its sign.
+bool follows_current(const Effect& effect);
+
+// The terminal current's path from one row to the next, in parts that are straight in stator axes:
+// between the rows the current in rotor axes and the angle change evenly.
+class CurrentPath {
+ public:
+  CurrentPath(const OperatingPoint& from, const OperatingPoint& to);
+  int parts() const { return parts_; }
+  OperatingPoint part(int j) const;  // its beginning, with i_moves
+  // The mean over the parts in the rotor axes of `from`, of drops in the rotor axes of each part.
+  template <class Drop>
+  Vec2 mean(const Drop& drop_of) const {
+    if (parts_ == 1) return drop_of(part(0));
+    Vec2 sum = Vec2::Zero();
+    for (int j = 0; j < parts_; ++j) {
+      const OperatingPoint p = part(j);
+      sum += p.stator_axes(drop_of(p));
+    }
+    return from_.rotor_axes(sum / parts_);
+  }
+
+ private:
+  const OperatingPoint& from_;
+  const OperatingPoint& to_;
+  int parts_;
+};
+
 class RecordContributions {
  public:
   RecordContributions(const Effects& effects, const std::vector<OperatingPoint>& points,
                       const Record& record);
-  // All contributions except those on the command.
+  // All contributions except those of an interval.
   Contribution operator[](std::size_t k) const;
-  bool any_of_command() const { return late_ || !of_the_command_.empty(); }
+  bool any_of_interval() const {
+    return late_ || !of_the_command_.empty() || !of_the_path_.empty();
+  }
   // The part of its u_dq_drop that depends on the angle and not on a current.
   Vec2 drop_by_angle(std::size_t k) const;
-  // Commanded voltage of interval k less the one that acts, in rotor axes at its beginning.
-  Vec2 of_command(std::size_t k) const;
+  // Commanded voltage of interval k less the one that acts, with the drops that follow the current,
+  // in rotor axes at its beginning.
+  Vec2 of_interval(std::size_t k) const;
 
  private:
+  OperatingPoint point(std::size_t k) const;  // with the terminal current
   Contribution at(const OperatingPoint& point, std::size_t k) const;
 
   const std::vector<OperatingPoint>& points_;
-  std::vector<const Effect*> of_the_point_, of_the_angle_, of_the_command_;
+  std::vector<const Effect*> of_the_point_, of_the_angle_, of_the_command_, of_the_path_;
   Effects around_winding_;  // effects that can change the current at the terminals
   bool late_ = false;
   std::vector<std::vector<Contribution>> with_memory_;

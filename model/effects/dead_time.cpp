@@ -93,8 +93,7 @@ class DeadTime final : public TraceableEffect {
 
  private:
   Vec2 drop_a_second(const OperatingPoint& point) const {
-    return f_pwm_ * point.v_dc *
-           point.phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_));
+    return f_pwm_ * point.v_dc * current_signs(point, i_linear_, shape_);
   }
 
   double t_d_ = 0;

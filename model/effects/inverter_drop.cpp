@@ -33,12 +33,12 @@ class InverterDrop final : public TraceableEffect {
   }
   std::shared_ptr<Effect> clone() const override { return std::make_shared<InverterDrop>(*this); }
   Contribution at(const OperatingPoint& point) const override {
-    return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_terminal()};
+    return {.u_dq_drop = V_0_ * signs(point) + R_on_ * point.i_terminal_mean()};
   }
   int regressor_count() const override { return 2; }
   void regressors(const OperatingPoint& point, std::span<Contribution> columns) const override {
     columns[0] = {.u_dq_drop = signs(point)};
-    columns[1] = {.u_dq_drop = point.i_terminal()};
+    columns[1] = {.u_dq_drop = point.i_terminal_mean()};
   }
   void coefficients(std::span<double> values) const override {
     values[0] = V_0_;
@@ -98,9 +98,7 @@ class InverterDrop final : public TraceableEffect {
   }
 
  private:
-  Vec2 signs(const OperatingPoint& point) const {
-    return point.phases_to_dq(current_signs(point.i_abc(), i_linear_, shape_));
-  }
+  Vec2 signs(const OperatingPoint& point) const { return current_signs(point, i_linear_, shape_); }
 
   double V_0_ = 0;
   double R_on_ = 0;

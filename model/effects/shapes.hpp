@@ -14,8 +14,8 @@
 #include <span>
 #include <vector>
 
-#include "model/frames.hpp"
 #include "model/math.hpp"
+#include "model/operating_point.hpp"
 
 namespace twinrate {
 
@@ -46,10 +46,42 @@ inline double current_sign(double x, CurrentShape shape) {
   return saturate(x);
 }
 
-inline Vec3 current_signs(const Vec3& i_abc, double linear_current, CurrentShape shape) {
-  return {current_sign(i_abc[0] / linear_current, shape),
-          current_sign(i_abc[1] / linear_current, shape),
-          current_sign(i_abc[2] / linear_current, shape)};
+// An integral of current_sign.
+inline double current_sign_integral(double x, CurrentShape shape) {
+  switch (shape) {
+    case CurrentShape::kTanh:
+      return std::abs(x) + math::log1p(math::exp(-2 * std::abs(x)));
+    case CurrentShape::kAtan: {
+      const double y = kTwoPi / 4 * x;
+      return 16 / (kTwoPi * kTwoPi) * (y * math::atan(y) - math::log1p(y * y) / 2);
+    }
+    case CurrentShape::kRoot:
+      return std::sqrt(1 + x * x);
+    case CurrentShape::kClamp:
+      break;
+  }
+  return std::abs(x) < 1 ? x * x / 2 : std::abs(x) - 0.5;
+}
+
+// Mean of current_sign from x to y.
+inline double mean_current_sign(double x, double y, CurrentShape shape) {
+  constexpr double kMoment = 1e-3;  // below it the mean differs from the middle by less than 1e-7
+  if (std::abs(y - x) < kMoment) return current_sign((x + y) / 2, shape);
+  return (current_sign_integral(y, shape) - current_sign_integral(x, shape)) / (y - x);
+}
+
+// The signs of the phase currents of a point in rotor axes; their mean if the current moves.
+inline Vec2 current_signs(const OperatingPoint& point, double linear_current, CurrentShape shape) {
+  const Vec3 from = point.i_abc() / linear_current;
+  Vec3 signs;
+  if (point.i_moves[0] == 0 && point.i_moves[1] == 0) {
+    for (int phase = 0; phase < 3; ++phase) signs[phase] = current_sign(from[phase], shape);
+  } else {
+    const Vec3 to = from + inverse_clarke(point.i_moves) / linear_current;
+    for (int phase = 0; phase < 3; ++phase)
+      signs[phase] = mean_current_sign(from[phase], to[phase], shape);
+  }
+  return point.phases_to_dq(signs);
 }
 
 // c_0, c_1 of amplitude sin(angle + phase).
