@@ -46,11 +46,14 @@ Vec2 direction(double angle) {
 // The regressors of an effect on the voltage, means over the path. `part` has the size of `columns`.
 void regressors_along(const EffectTracing& tracing, const CurrentPath& path,
                       std::span<Contribution> columns, std::span<Contribution> part) {
-  for (std::size_t r = 0; r < columns.size(); ++r)
-    columns[r] = {.u_dq_drop = path.mean([&](const OperatingPoint& point) {
-      tracing.regressors(point, part);
-      return part[r].u_dq_drop;
-    })};
+  if (path.parts() == 1) return tracing.regressors(path.part(0), columns);
+  for (Contribution& column : columns) column = {};
+  for (int j = 0; j < path.parts(); ++j) {
+    const OperatingPoint point = path.part(j);
+    tracing.regressors(point, part);
+    for (std::size_t r = 0; r < columns.size(); ++r)
+      columns[r].u_dq_drop += path.share(point, part[r].u_dq_drop);
+  }
 }
 
 // Unit vector halfway between two close unit vectors: 1/|a + b| by its series.

@@ -24,26 +24,24 @@ CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to)
   constexpr double kStraight = 0.15;  // rad, of an arc that is 0.3 % of its radius from its chord
   constexpr double kMost = 64;
   const double turns = std::abs(to.theta_e - from.theta_e) / kStraight;
-  parts_ = static_cast<int>(std::min(kMost, std::max(1.0, std::ceil(turns))));
+  if (turns > 1) parts_ = static_cast<int>(std::min(kMost, std::ceil(turns)));
+}
+
+OperatingPoint CurrentPath::between(int edge) const {
+  const double share = static_cast<double>(edge) / parts_;
+  OperatingPoint p = from_;
+  p.i_dq += share * (to_.i_dq - from_.i_dq);
+  p.i_around += share * (to_.i_around - from_.i_around);
+  p.theta_e += share * (to_.theta_e - from_.theta_e);
+  const auto [s, c] = math::sincos(p.theta_e);
+  p.d_axis = {c, s};
+  return p;
 }
 
 OperatingPoint CurrentPath::part(int j) const {
-  const auto at = [&](int edge, OperatingPoint& p) {
-    if (edge == 0 || edge == parts_) {
-      if (edge != 0) p = to_;
-      return;
-    }
-    const double share = static_cast<double>(edge) / parts_;
-    p.i_dq += share * (to_.i_dq - from_.i_dq);
-    p.i_around += share * (to_.i_around - from_.i_around);
-    p.theta_e += share * (to_.theta_e - from_.theta_e);
-    const auto [s, c] = math::sincos(p.theta_e);
-    p.d_axis = {c, s};
-  };
-  OperatingPoint begin = from_, end = from_;
-  at(j, begin);
-  at(j + 1, end);
-  begin.i_moves = end.stator_axes(end.i_terminal()) - begin.stator_axes(begin.i_terminal());
+  const auto current = [](const OperatingPoint& p) { return p.stator_axes(p.i_terminal()); };
+  OperatingPoint begin = j == 0 ? from_ : between(j);
+  begin.i_moves = (j + 1 == parts_ ? current(to_) : current(between(j + 1))) - current(begin);
   return begin;
 }
 
@@ -99,12 +97,15 @@ Vec2 RecordContributions::of_interval(std::size_t k) const {
     for (const Effect* effect : of_the_command_) drop += effect->at(late).u_dq_drop;
   }
   if (of_the_path_.empty() || k + 1 >= points_.size()) return drop;
-  const OperatingPoint from = point(k), to = point(k + 1);
-  return drop + CurrentPath(from, to).mean([&](const OperatingPoint& part) {
-    Vec2 sum = Vec2::Zero();
-    for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
-    return sum;
-  });
+  const auto along = [&](const OperatingPoint& from, const OperatingPoint& to) {
+    return CurrentPath(from, to).mean([&](const OperatingPoint& part) {
+      Vec2 sum = Vec2::Zero();
+      for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
+      return sum;
+    });
+  };
+  return drop + (around_winding_.empty() ? along(points_[k], points_[k + 1])
+                                         : along(point(k), point(k + 1)));
 }
 
 Contribution RecordContributions::at(const OperatingPoint& point, std::size_t k) const {

@@ -23,22 +23,27 @@ class CurrentPath {
   CurrentPath(const OperatingPoint& from, const OperatingPoint& to);
   int parts() const { return parts_; }
   OperatingPoint part(int j) const;  // its beginning, with i_moves
-  // The mean over the parts in the rotor axes of `from`, of drops in the rotor axes of each part.
+  // What a drop in the rotor axes of a part adds to the mean in the rotor axes of `from`.
+  Vec2 share(const OperatingPoint& part, const Vec2& drop) const {
+    return from_.rotor_axes(part.stator_axes(drop)) / parts_;
+  }
   template <class Drop>
   Vec2 mean(const Drop& drop_of) const {
     if (parts_ == 1) return drop_of(part(0));
     Vec2 sum = Vec2::Zero();
     for (int j = 0; j < parts_; ++j) {
       const OperatingPoint p = part(j);
-      sum += p.stator_axes(drop_of(p));
+      sum += share(p, drop_of(p));
     }
-    return from_.rotor_axes(sum / parts_);
+    return sum;
   }
 
  private:
+  OperatingPoint between(int edge) const;  // where part `edge` begins
+
   const OperatingPoint& from_;
   const OperatingPoint& to_;
-  int parts_;
+  int parts_ = 1;
 };
 
 class RecordContributions {

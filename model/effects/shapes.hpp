@@ -72,14 +72,20 @@ inline double mean_current_sign(double x, double y, CurrentShape shape) {
 
 // The signs of the phase currents of a point in rotor axes; their mean if the current moves.
 inline Vec2 current_signs(const OperatingPoint& point, double linear_current, CurrentShape shape) {
-  const Vec3 from = point.i_abc() / linear_current;
+  const Vec3 from = point.i_abc();
   Vec3 signs;
   if (point.i_moves[0] == 0 && point.i_moves[1] == 0) {
-    for (int phase = 0; phase < 3; ++phase) signs[phase] = current_sign(from[phase], shape);
-  } else {
-    const Vec3 to = from + inverse_clarke(point.i_moves) / linear_current;
     for (int phase = 0; phase < 3; ++phase)
-      signs[phase] = mean_current_sign(from[phase], to[phase], shape);
+      signs[phase] = current_sign(from[phase] / linear_current, shape);
+    return point.phases_to_dq(signs);
+  }
+  const Vec3 to = from + inverse_clarke(point.i_moves);
+  for (int phase = 0; phase < 3; ++phase) {
+    const double x = from[phase], y = to[phase];
+    const bool beyond = shape == CurrentShape::kClamp && x * y > 0 &&
+                        std::abs(x) >= linear_current && std::abs(y) >= linear_current;
+    signs[phase] = beyond ? std::copysign(1.0, x)
+                          : mean_current_sign(x / linear_current, y / linear_current, shape);
   }
   return point.phases_to_dq(signs);
 }
