@@ -221,7 +221,8 @@ void EventLog::note(std::int64_t byte, const std::string& what) {
   const std::int64_t number = last_number_.value_or(-1) + 1;
   const std::string text =
       fmt::format("{}: event {}, byte {}: {}", parts_[part_], number, byte, what);
-  if (on_damage_ == OnDamage::kRefuse) throw BadInput(text);
+  if (on_damage_ == OnDamage::kRefuse)
+    throw BadInput(text + "; report, replay, export and trace read the rest with --repair");
   if (damaged_++ == 0) first_damage_ = text;
 }
 

@@ -198,7 +198,10 @@ void print_figures(const DriveConfig& d, const Summary& s, const RunFacts& facts
 void print_transport(const Summary& s, const RunFacts& facts, const HopLatencies& latency) {
   const auto row = print_row;
   row("gains used", std::to_string(s.gains_used));
-  row("messages lost", fmt::format("{}  (sent again: {})", lost_in_total(s), facts.repeats));
+  row("messages lost",
+      fmt::format("{}{}  (sent again: {})", lost_in_total(s),
+                  facts.losses_counted ? "" : " in the log; the logger ended before its count",
+                  facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
   if (s.stalls > 0)
@@ -321,6 +324,7 @@ Json manifest_of(const RunLog& log, const RunFacts& facts, const HopLatencies& l
   manifest["how"] = facts.how;
   if (!remembered_command().empty()) manifest["command"] = remembered_command();
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
+  if (!facts.losses_counted) manifest["losses_counted"] = false;
   if (!facts.tags_checked) manifest["authenticated"] = false;
   if (!facts.scheduling.empty()) manifest["scheduling"] = facts.scheduling;
   if (facts.refused > 0) manifest["refused_messages"] = facts.refused;
@@ -437,6 +441,7 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   if (facts.ended.empty() && reached < config.drive().steps() && !is_endless(config.drive()))
     facts.ended = fmt::format("stopped at tick {} of {}", reached, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
+  facts.losses_counted |= account.is_object();
   add_process_counts(facts, account, s);
   if (facts.realtime) add_stalls(log, s);
   std::error_code ignored;

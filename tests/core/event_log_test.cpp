@@ -109,8 +109,9 @@ TEST_F(DamagedLog, OneThatEndsWithAWholeEventIsFoundByTheCountsOfItsManifest) {
 TEST_F(DamagedLog, OneThatWasCutAtTheEndOfAnyEventIsFound) {
   for (std::size_t events = 7; events < whole_.size(); ++events) {
     const std::vector<RawEvent> cut(whole_.begin(), whole_.begin() + static_cast<long>(events));
-    ASSERT_NE(refusal(put(test::file_of(cut))).find("the log does not end"), std::string::npos)
-        << events;
+    const std::string said = refusal(put(test::file_of(cut)));
+    ASSERT_NE(said.find("the log does not end"), std::string::npos) << events;
+    ASSERT_NE(said.find("read the rest with --repair"), std::string::npos) << events;
     ASSERT_NE(read_run_log(log(), "", OnDamage::kSkip).damage, "") << events;
   }
 }

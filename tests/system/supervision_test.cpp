@@ -53,6 +53,10 @@ TEST_P(DeadChild, EndsTheSetWithItsNameAndSignal) {
   EXPECT_LT(json("summary.json")["duration_s"], 600.0);
   EXPECT_NE(json("manifest.json")["ended_early"].get<std::string>().find(program),
             std::string::npos);
+  const bool counted = program != "twinrate-logger";
+  EXPECT_EQ(result.out.find("the logger ended before its count") == std::string::npos, counted)
+      << result.out;
+  EXPECT_EQ(json("manifest.json").contains("losses_counted"), !counted);
 }
 
 INSTANTIATE_TEST_SUITE_P(System, DeadChild,
