@@ -142,7 +142,7 @@ class Equations {
   };
   struct Mean {
     bool of_interval = false;  // of the interval itself
-    double bent = 0;          // share of a cubic's term
+    double bent = 0;           // share of a cubic's term
   };
   Mean mean_of(const Effect& effect) const;
   void explain(std::size_t k, const Contribution& c, Mean how, Channels& x, Before& before) const;
