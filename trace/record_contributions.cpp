@@ -4,10 +4,12 @@
 #include <cmath>
 
 #include "model/effects/catalogue.hpp"
+#include "model/effects/lag.hpp"
 #include "model/effects/memory.hpp"
 #include "model/effects/shaft.hpp"
 #include "model/effects/tracing.hpp"
 #include "model/math.hpp"
+#include "trace/signals.hpp"
 
 namespace twinrate {
 
@@ -18,6 +20,26 @@ bool acts_on_command(const Effect& effect) {
 bool follows_current(const Effect& effect) {
   return is_placed(effect, Traits::Place::kZone);
 }
+
+namespace {
+
+// Requested less acting voltage. In a record of one row for several, a voltage has no steps at the
+// ends of its rows: a delayed one is on the cubic through its neighbours.
+void late_voltage(const Effect& effect, const SamplingFacts& late,
+                  const std::vector<OperatingPoint>& points, const Record& record,
+                  std::vector<Contribution>& sums) {
+  const double delay = late.delay[SamplingFacts::kVoltage];
+  if (record.rows_each == 1 || delay == 0) return contributions(effect, points, record.T_s, sums);
+  std::vector<Vec2> before(record.u_alphabeta.rbegin(), record.u_alphabeta.rend());
+  before = ahead(before, delay, 0, record.T_s);
+  HeldLowPass<Vec2> filter(late.lowpass[SamplingFacts::kVoltage], record.T_s);
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const Vec2 acting = filter.pass(before[points.size() - 1 - k]);
+    sums[k] = {.u_dq_drop = points[k].rotor_axes(record.u_alphabeta[k] - acting)};
+  }
+}
+
+}  // namespace
 
 CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to)
     : from_(from), to_(to) {
@@ -58,8 +80,12 @@ RecordContributions::RecordContributions(const Effects& effects,
       J_ -= std::max(0.0, shaft.J_load);
     } else if (effect->describe_sampling(sampling)) {
       with_memory_.emplace_back(points.size());
-      contributions(*effect, points, record.T_s, with_memory_.back());
-      late_ |= acts_on_command(*effect);
+      if (acts_on_command(*effect) && !record.u_alphabeta.empty()) {
+        late_voltage(*effect, sampling, points, record, with_memory_.back());
+        late_ = true;
+      } else {
+        contributions(*effect, points, record.T_s, with_memory_.back());
+      }
     } else if (acts_on_command(*effect)) {
       of_the_command_.push_back(effect.get());
     } else if (follows_current(*effect)) {

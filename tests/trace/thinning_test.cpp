@@ -5,6 +5,8 @@
 
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/equations.hpp"
+#include "trace/keys.hpp"
+#include "trace/record_contributions.hpp"
 
 namespace twinrate::thinning_test {
 
@@ -45,6 +47,37 @@ Record fast_record(double T_s, std::size_t rows) {
   r.electrical_ok.assign(rows, 1);
   r.motion_ok.assign(rows, 1);
   return r;
+}
+
+// A voltage that acts late is, row by row of the log, a step that comes late. In a row for four it is
+// that of the thinned log of what acted.
+TEST(Thinning, KeepsALateVoltage) {
+  const DriveFacts facts = servo().facts();
+  const Record whole = fast_record(5e-5, 8000);
+  for (const double ticks : {0.84, 2.3}) {
+    Record acted = whole;
+    const auto past = static_cast<std::size_t>(ticks);
+    const double part = ticks - static_cast<double>(past);
+    for (std::size_t k = past + 1; k < whole.size(); ++k)
+      acted.u_alphabeta[k] =
+          (1 - part) * whole.u_alphabeta[k - past] + part * whole.u_alphabeta[k - past - 1];
+    const Record thin = thinned(whole, 4, facts.machine.n_p),
+                 thin_acted = thinned(acted, 4, facts.machine.n_p);
+    const Equations equations(thin, facts);
+    const auto lag = make_effect("signal_lag");
+    set_key(*lag, "signal", SamplingFacts::kVoltage);
+    set_key(*lag, "lag_s", ticks * whole.T_s);
+    ASSERT_EQ(lag->prepare(facts), "");
+    const Effects alone{lag};
+    const RecordContributions added(alone, equations.points(), thin);
+    double wrong = 0, size = 0;
+    for (std::size_t k = 20; k + 20 < thin.size(); ++k) {
+      const Vec2 drop = thin.u_alphabeta[k] - thin_acted.u_alphabeta[k];
+      wrong += (equations.points()[k].stator_axes(added.of_interval(k)) - drop).squaredNorm();
+      size += drop.squaredNorm();
+    }
+    EXPECT_LT(std::sqrt(wrong / size), 5e-3) << ticks;  // 0.17, 0.09 by steps at the rows' ends
+  }
 }
 
 TEST(Thinning, KeepsTheVoltageEquation) {
