@@ -72,6 +72,7 @@ struct Summary {
   std::map<std::string, std::int64_t> lost_messages;
   std::int64_t late_gains = 0;
   // From the processes.
+  bool losses_counted = false;  // up to the end of the run; false: only within the log
   std::int64_t repeats = 0, deadline_misses = 0, late_commands = 0;
   // Realtime, of the plant: ticks that began late by more than a period, and the time for which its
   // clock stopped.

@@ -53,6 +53,7 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   json["P44_min"] = number(summary.P44_min);
   json["P44_max"] = number(summary.P44_max);
   json["lost_messages"] = Json(summary.lost_messages);
+  json["losses_counted"] = summary.losses_counted;
   json["repeats"] = summary.repeats;
   json["deadline_misses"] = summary.deadline_misses;
   json["late_gains"] = summary.late_gains;
@@ -81,6 +82,8 @@ void take_process_figures(const std::string& summary_json, Summary& summary) {
   take("stalled_s", summary.stalled_s);
   take("longest_stall_s", summary.longest_stall_s);
   take("wall_s", summary.wall_s);
+  if (json.contains("losses_counted") && json["losses_counted"].is_boolean())
+    json["losses_counted"].get_to(summary.losses_counted);
   if (!json.contains("lost_messages") || !json["lost_messages"].is_object()) return;
   for (const auto& [channel, count] : json["lost_messages"].items())
     if (count.is_number_integer()) summary.lost_messages[channel] = count.get<std::int64_t>();

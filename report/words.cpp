@@ -44,7 +44,10 @@ std::string losses(const Summary& summary) {
   std::string lost;
   for (const auto& [channel, count] : summary.lost_messages)
     if (count > 0) lost += fmt::format("{}{} on {}", lost.empty() ? "" : ", ", count, channel);
-  return lost.empty() ? "No message was lost." : "Lost messages: " + lost + ".";
+  if (!lost.empty()) return "Lost messages: " + lost + ".";
+  return summary.losses_counted ? "No message was lost."
+                                : "The log has no gap in its messages; no logger counted those of "
+                                  "the whole run.";
 }
 
 std::string errors(const RunView& view) {
@@ -192,7 +195,7 @@ static void add_run(const RunView& view, Json& rows) {
         fmt::format("{:.3g} s, {:.0f} steps/s", s.wall_s, static_cast<double>(s.steps) / s.wall_s));
   std::int64_t lost = 0;
   for (const auto& [channel, count] : s.lost_messages) lost += count;
-  add("lost messages", std::to_string(lost));
+  add("lost messages", fmt::format("{}{}", lost, s.losses_counted ? "" : " within the log"));
   add("repeats", std::to_string(s.repeats));
   add("late gains", std::to_string(s.late_gains));
   add("late commands", std::to_string(s.late_commands));

@@ -200,7 +200,7 @@ void print_transport(const Summary& s, const RunFacts& facts, const HopLatencies
   row("gains used", std::to_string(s.gains_used));
   row("messages lost",
       fmt::format("{}{}  (sent again: {})", lost_in_total(s),
-                  facts.losses_counted ? "" : " in the log; the logger ended before its count",
+                  s.losses_counted ? "" : " within the log; the logger ended before its count",
                   facts.repeats));
   row("late", fmt::format("gains {}, commands {}, ticks {}", facts.late_gains, facts.late_commands,
                           facts.deadline_misses));
@@ -297,6 +297,7 @@ void add_process_counts(const RunFacts& facts, const Json& account, Summary& s) 
   s.deadline_misses = facts.deadline_misses;
   s.late_gains = std::max(s.late_gains, facts.late_gains);
   s.late_commands = facts.late_commands;
+  s.losses_counted = !facts.on_bus || account.is_object();
   // The account of a logger that was started again does not hold what was lost before it.
   for (const auto& [channel, count] : lost_messages(account))
     s.lost_messages[channel] = std::max(s.lost_messages[channel], count);
@@ -324,7 +325,6 @@ Json manifest_of(const RunLog& log, const RunFacts& facts, const HopLatencies& l
   manifest["how"] = facts.how;
   if (!remembered_command().empty()) manifest["command"] = remembered_command();
   if (!facts.ended.empty()) manifest["ended_early"] = facts.ended;
-  if (!facts.losses_counted) manifest["losses_counted"] = false;
   if (!facts.tags_checked) manifest["authenticated"] = false;
   if (!facts.scheduling.empty()) manifest["scheduling"] = facts.scheduling;
   if (facts.refused > 0) manifest["refused_messages"] = facts.refused;
@@ -441,7 +441,6 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   if (facts.ended.empty() && reached < config.drive().steps() && !is_endless(config.drive()))
     facts.ended = fmt::format("stopped at tick {} of {}", reached, config.drive().steps());
   const Json account = read_json(dir / "logger.json");
-  facts.losses_counted |= account.is_object();
   add_process_counts(facts, account, s);
   if (facts.realtime) add_stalls(log, s);
   std::error_code ignored;

@@ -18,7 +18,7 @@ struct RunFacts {
   std::int64_t repeats = 0, deadline_misses = 0, late_gains = 0, late_commands = 0, refused = 0;
   bool tags_checked = true;        // bus.authenticate, where there is a bus
   bool realtime = false;           // the log has host times worth a figure
-  bool losses_counted = true;      // false until the logger's count is there, on a bus
+  bool on_bus = false;             // messages can be lost
   bool rates_requested = false;    // a request set n or the gain policy
   std::string scheduling;          // realtime: what the machine granted
   std::string how;                 // "launch, lock-step, 5 processes" or "simulate"

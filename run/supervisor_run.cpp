@@ -126,7 +126,7 @@ RunFacts Supervisor::run() {
   open_bus();
   start_own();
   if (waits && wait_for_own_processes()) start_children();
-  facts_.losses_counted = false;
+  facts_.on_bus = true;
   facts_.how = fmt::format("launch, {}, {} processes{}",
                            options_.wall                      ? "lock-step at the wall clock"
                            : options_.pace == Pace::kLockstep ? "lock-step"

@@ -28,6 +28,7 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
                           "speed_ripple_rms_rad_s",
                           "speed_ripple_harmonics_rms_rad_s",
                           "lost_messages",
+                          "losses_counted",
                           "repeats",
                           "deadline_misses",
                           "late_gains",
@@ -69,11 +70,14 @@ TEST(Summary, TakesFiguresOfTheProcessesFromASummaryFile) {
   written.repeats = 3;
   written.wall_s = 2.5;
   written.lost_messages["DRIVE_GAIN"] = 7;
+  written.losses_counted = true;
   Summary read;
+  EXPECT_FALSE(read.losses_counted);
   take_process_figures(to_json(written, config), read);
   EXPECT_EQ(read.repeats, 3);
   EXPECT_EQ(read.wall_s, 2.5);
   EXPECT_EQ(read.lost_messages["DRIVE_GAIN"], 7);
+  EXPECT_TRUE(read.losses_counted);
   take_process_figures("not json", read);
   EXPECT_EQ(read.repeats, 3);
 }
