@@ -44,7 +44,7 @@ void late_voltage(const Effect& effect, const SamplingFacts& late,
 CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to)
     : from_(from), to_(to) {
   constexpr double kStraight = 0.15;  // rad, of an arc that is 0.3 % of its radius from its chord
-  constexpr double kMost = 64;
+  constexpr double kMost = 64;        // parts: of an angle that jumps
   const double turns = std::abs(to.theta_e - from.theta_e) / kStraight;
   if (turns > 1) parts_ = static_cast<int>(std::min(kMost, std::ceil(turns)));
 }

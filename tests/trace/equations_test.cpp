@@ -260,7 +260,7 @@ TEST(Shapes, AMeanOfTheCurrentsSignIsItsIntegral) {
   constexpr int kSteps = 20000;
   for (const CurrentShape shape :
        {CurrentShape::kClamp, CurrentShape::kTanh, CurrentShape::kAtan, CurrentShape::kRoot})
-    for (const auto& [x, y] : {std::pair{-3.0, 5.0}, {0.4, 1.7}, {0.2, 0.2004}, {-40.0, -2.0}}) {
+    for (const auto& [x, y] : {std::pair{-3.0, 5.0}, {0.4, 1.7}, {0.9998, 1.0002}, {-40.0, -2.0}}) {
       double sum = 0;
       for (int j = 0; j < kSteps; ++j) sum += current_sign(x + (y - x) * (j + 0.5) / kSteps, shape);
       EXPECT_NEAR(mean_current_sign(x, y, shape), sum / kSteps, 1e-6) << x << " to " << y;
