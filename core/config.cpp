@@ -222,12 +222,12 @@ std::string preset_path(const std::string& name, const std::string& said_at) {
   const fs::path path =
       fs::path(preset_directory()) / (of_tree ? file.filename().string() : name + ".toml");
   std::error_code unusable;
-  if (!fs::is_regular_file(path, unusable) && fs::is_directory(file, unusable))
-    throw BadInput(fmt::format("{}: a directory; a drive file is needed", printable(said_at)));
-  if (!fs::is_regular_file(path, unusable))
-    throw BadInput(fmt::format("{}: no such file and no such preset; presets: {}",
-                               printable(said_at), list_names(preset_names())));
-  return path.string();
+  if (fs::is_regular_file(path, unusable)) return path.string();
+  if (fs::is_directory(file, unusable))
+    throw BadInput(fmt::format("{}: is a directory; a drive file or the name of a preset allowed",
+                               printable(said_at)));
+  throw BadInput(fmt::format("{}: no such file and no such preset; presets: {}", printable(said_at),
+                             list_names(preset_names())));
 }
 
 toml::table parse_override(const std::string& text) {

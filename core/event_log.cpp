@@ -19,7 +19,6 @@ namespace fs = std::filesystem;
 
 constexpr std::uint32_t kSync = 0xEDA1DA01;
 constexpr std::int64_t kHeaderBytes = 28, kMaxChannelBytes = 63;  // LCM_MAX_CHANNEL_NAME_LENGTH
-constexpr std::int64_t kDay_us = 86'400'000'000;
 constexpr std::int64_t kMaxLateTicks = 64;  // of a message in a log written as it came
 constexpr std::int64_t kMaxTimeError_ns = 1'000'000'000;  // of an imported sample, to its tick
 
@@ -132,8 +131,9 @@ std::string EventLog::wrong_order() {
     return fmt::format("event {} expected, found {}", expected, header_.number);
   if (header_.timestamp < 0 || (before && header_.timestamp < *before))
     return "the time stamp goes back";
-  if (before && header_.timestamp - *before > kDay_us)
-    return fmt::format("the time stamp jumps by {} days", (header_.timestamp - *before) / kDay_us);
+  if (before && header_.timestamp - *before > kLongestGap_us)
+    return fmt::format("the time stamp jumps by {} days",
+                       (header_.timestamp - *before) / kLongestGap_us);
   return "";
 }
 
@@ -222,7 +222,8 @@ void EventLog::note(std::int64_t byte, const std::string& what) {
   const std::string text =
       fmt::format("{}: event {}, byte {}: {}", parts_[part_], number, byte, what);
   if (on_damage_ == OnDamage::kRefuse)
-    throw BadInput(text + "; report, replay, export and trace read the rest with --repair");
+    throw BadInput(text +
+                   "; report, replay, export and trace read the undamaged part with --repair");
   if (damaged_++ == 0) first_damage_ = text;
 }
 

@@ -23,6 +23,9 @@
 
 namespace twinrate {
 
+// Between two time stamps; a longer one is damage.
+inline constexpr std::int64_t kLongestGap_us = 86'400'000'000;
+
 enum class OnDamage { kRefuse, kSkip };  // throw BadInput, or use the events that are whole
 
 // The parts of a log in order: log.lcm, log-001.lcm .. of a run directory, or the one file. Throws

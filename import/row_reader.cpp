@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "core/config.hpp"
+#include "core/event_log.hpp"
 #include "core/report_error.hpp"
 
 namespace twinrate {
@@ -19,7 +20,6 @@ constexpr double kLargest = 1e100;       // of a number: sums of its squares are
 // 1 MHz, five times the fastest drive (rates.f_s_Hz); on the average of the first rows, as a jittering
 // clock can give one pair of rows the same time but for its last digits.
 constexpr double kLeastInterval_s = 1e-6;
-constexpr double kLongestGap_s = 86400;  // the reader of an event log takes a longer one for damage
 constexpr std::int64_t kIntervalAfter = 200;  // rows, the least that a trace takes
 
 // False if the text is not exactly one number.
@@ -156,11 +156,12 @@ double RowReader::unwrapped(const ColumnMap& map, double raw) {
 bool RowReader::time_rises() {
   const std::optional<double> before = t_before_;
   if (!before || t_ > *before) {
-    if (before && t_ - *before > kLongestGap_s)
+    const double longest_s = 1e-6 * static_cast<double>(kLongestGap_us);  // of the log's readers
+    if (before && t_ - *before > longest_s)
       fail(
           fmt::format("time jumps by {:.3g} days from {} s to {} s; at most one day between two "
                       "rows is allowed",
-                      (t_ - *before) / kLongestGap_s, *before, t_));
+                      (t_ - *before) / longest_s, *before, t_));
     t_before_ = t_;
     check_interval();
     return true;

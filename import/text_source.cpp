@@ -18,8 +18,9 @@ constexpr unsigned kReadBytes = 1 << 18;
 std::int64_t size_of_file(const std::string& path) {
   struct stat info {};
   if (stat(path.c_str(), &info) != 0) throw BadInput(fmt::format("{}: no such file", path));
-  if (S_ISDIR(info.st_mode)) throw BadInput(fmt::format("{}: a directory; a file is needed", path));
-  if (!S_ISREG(info.st_mode)) throw BadInput(fmt::format("{}: not a regular file", path));
+  if (S_ISDIR(info.st_mode))
+    throw BadInput(fmt::format("{}: is a directory; a file is needed", path));
+  if (!S_ISREG(info.st_mode)) throw BadInput(fmt::format("{}: is not a plain file", path));
   return info.st_size;
 }
 

@@ -29,9 +29,6 @@ class LoggedEstimates {
   std::size_t next_ = 0;
 };
 
-// A damaged log may have any time stamp, although its message is whole.
-constexpr std::int64_t kDay_us = 86'400'000'000;
-
 // In pieces: a pause of the log can be long, and Ctrl-C ends it.
 void sleep_until(Clock::time_point begun, double offset_s) {
   constexpr double kPiece_s = 0.1;
@@ -104,7 +101,9 @@ PacedResult replay_paced(const std::string& log, const std::string& logged_suffi
     const std::string name = info(*events.channel()).name;
     if (std::find(channels.begin(), channels.end(), name) == channels.end()) continue;
     if (first_us < 0) first_us = t_us = event->timestamp;
-    if (event->timestamp >= t_us && event->timestamp - t_us < kDay_us) t_us = event->timestamp;
+    // A damaged log may have any time stamp, although its message is whole.
+    if (event->timestamp >= t_us && event->timestamp - t_us < kLongestGap_us)
+      t_us = event->timestamp;
     sleep_until(begun, static_cast<double>(t_us - first_us) * 1e-6 / speed);
     if (stop_signalled()) break;
     out.publish(name + address.channel_suffix, event->data, static_cast<unsigned>(event->datalen));

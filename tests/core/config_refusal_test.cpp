@@ -226,6 +226,11 @@ TEST(Refusal, AMissingFileListsThePresets) {
                        {"no/such/drive.toml", "dilys2021"});
 }
 
+TEST(Refusal, ADirectoryIsNamedAsOne) {
+  expect_one_line_with(refusal([] { Config::load(".."); }),
+                       {"..: is a directory", "name of a preset allowed"});
+}
+
 TEST(Refusal, RefusesASecondShaftOrFilterOnASignal) {
   const std::string drive = drive_text() + "[controller.foc]\ni_max_A = 5.0\n";
   const std::string shaft =

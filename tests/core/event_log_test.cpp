@@ -111,7 +111,7 @@ TEST_F(DamagedLog, OneThatWasCutAtTheEndOfAnyEventIsFound) {
     const std::vector<RawEvent> cut(whole_.begin(), whole_.begin() + static_cast<long>(events));
     const std::string said = refusal(put(test::file_of(cut)));
     ASSERT_NE(said.find("the log does not end"), std::string::npos) << events;
-    ASSERT_NE(said.find("read the rest with --repair"), std::string::npos) << events;
+    ASSERT_NE(said.find("read the undamaged part with --repair"), std::string::npos) << events;
     ASSERT_NE(read_run_log(log(), "", OnDamage::kSkip).damage, "") << events;
   }
 }
