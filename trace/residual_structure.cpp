@@ -22,11 +22,7 @@ constexpr double kSmallestVoltage = 2e-4;    // of the bus voltage
 constexpr double kSmallestTorque_Nm = 6e-3;  // of a drive of 8 Nm
 constexpr double kChance = 1e-9;             // probability that noise makes such means
 constexpr double kLeastBesideShaft = 0.15;   // a model never meets impacts exactly
-// Beside a claim, of a structure that the judging rows do not confirm beyond chance. Of 46 drawn logs
-// that were unexplained beside a true claim, 6 had no more than such a structure below it, and
-// lacked nothing else.
-constexpr double kLeastUnconfirmed = 0.15;
-constexpr double kTimesNoise = 2;  // ratio of an rms that exceeds the noise
+constexpr double kTimesNoise = 2;            // ratio of an rms that exceeds the noise
 // The same without a claim. Of 299 drawn logs with nothing missing three exceed it.
 constexpr double kTimesNoiseAlone = 4;
 constexpr double kMostlyMean = 0.8;   // of a structure's share, by design: then no axis is shown
@@ -282,12 +278,10 @@ class StructureSearch {
     }
     const Votes votes = transfer_of(e, mean, judges);
     const double gain = votes.judgement.held_out_gain;
-    // Beside a claim a large structure is reported though few other rows share it: a wrong kind
-    // leaves such a one. If the judging rows contradict it, it is chance. A structure over time has
-    // no other rows.
-    if (!alone && (of_time || fitted >= kLeastUnconfirmed))
-      return {.share = of_time || gain > 0 ? fitted : 0};
-    if (!alone) return {.share = transfers(votes) ? fitted : 0};
+    // Beside a claim any doubt is reported: a wrong kind leaves a structure that few other rows
+    // share. If the judging rows contradict it, it is chance. A structure over time has no other
+    // rows.
+    if (!alone) return {.share = of_time || gain > 0 ? fitted : 0};
     if (!transfers(votes)) return {.share = of_time ? fitted : 0, .doubt = kNotConfirmed};
     const double rms = root_mean_square(means.of(physical_.*looked.value));
     return {.share = gain < least ? 0 : gain,

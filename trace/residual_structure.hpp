@@ -12,8 +12,7 @@ double least_torque(const DriveFacts& facts);
 // Structure of the whitened residual: its binned means over current, speed, angle, time and
 // direction, on the rows that do not judge. A structure must exceed chance and the same means of
 // the drawn sensor errors. Without a claim it must also lower the error of the rows that judge,
-// beyond chance, by pieces as in the gate. Beside a claim it must not raise that error, and a share of
-// 15 % of the power needs no more. A structure
+// beyond chance, by pieces as in the gate. Beside a claim it must not raise that error. A structure
 // over time has no other rows that could judge it: it is reported beside a claim, and alone it is
 // not confirmed. If one mean of all rows has most of the share, that mean is reported and no axis.
 // A d voltage below half of the EMF that an angle error of half a count makes is in doubt. If no
