@@ -282,7 +282,8 @@ TEST_F(Import, EachMistakeIsOneLineWithItsPlace) {
             "log.csv:1: missing column \"t\"; the file has time, i_q, theta_m");
   EXPECT_EQ(refusal((directory_ / "none.csv").string()), "none.csv: no such file");
   fs::create_directory(directory_ / "day.csv");
-  EXPECT_EQ(refusal((directory_ / "day.csv").string()), "day.csv: is a directory; a file is needed");
+  EXPECT_EQ(refusal((directory_ / "day.csv").string()),
+            "day.csv: is a directory; a file is needed");
 }
 
 // The tracer's windows are of seconds: rows of another unit of time made it crash or run on for ever.
