@@ -371,7 +371,8 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
     if (!path || k + 1 == points_.size())
       tracing.regressors(points_[k], all);
     else
-      regressors_along(tracing, CurrentPath(points_[k], points_[k + 1]), all, part);
+      regressors_along(tracing, CurrentPath(points_[k], points_[k + 1], record_.ticks_each), all,
+                       part);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], how, x[r], before[r]);
   }
   return x;

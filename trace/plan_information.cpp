@@ -129,6 +129,7 @@ Record rows_of(const Record& record, std::size_t first, std::size_t last) {
   piece.current_sensors = record.current_sensors;
   piece.load_measured = record.load_measured;
   piece.i_q_alone = record.i_q_alone;
+  piece.ticks_each = record.ticks_each;
   const auto take = [&](const auto& from, auto& to) {
     if (!from.empty())
       to.assign(from.begin() + static_cast<std::ptrdiff_t>(first),

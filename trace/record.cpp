@@ -17,6 +17,11 @@ void add(std::vector<T>& a, const std::vector<T>& b) {
 
 }  // namespace
 
+double length_of_mean(double turn_e, double ticks) {
+  const double half = 0.5 * turn_e, half_tick = half / ticks;
+  return std::abs(half_tick) < 1e-6 ? 1 : std::sin(half) / (ticks * std::sin(half_tick));
+}
+
 void Record::append(const Record& other) {
   if (t.empty()) {
     *this = other;
@@ -43,6 +48,7 @@ void Record::append(const Record& other) {
                              " s, " + source + " every " + std::to_string(T_s) +
                              " s; all logs need the same rate, or trace each for itself");
   i_q_alone |= other.i_q_alone;
+  ticks_each = std::max(ticks_each, other.ticks_each);
   if (other.angle.lsb > angle.lsb) angle = other.angle;
   const std::size_t seam = size();
   const bool goes_on = other.t.front() > t.back() + 0.5 * T_s;

@@ -15,6 +15,9 @@ namespace twinrate {
 struct Record {
   std::string source;
   double T_s = 0;
+  // Ticks in a row, if its voltage is made from those at its ends (trace/voltage_meaning.hpp); zero:
+  // the voltage is the log's.
+  double ticks_each = 0;
   std::optional<double> begin_s;  // of the log, if the record is made of parts of one
   int rows_each = 1;              // rows of the log in one row (trace/thinning.hpp)
   std::vector<double> t;
@@ -34,5 +37,8 @@ struct Record {
   void append(const Record& other);
   bool has_voltage_equation() const { return !u_alphabeta.empty() && !i_alphabeta.empty(); }
 };
+
+// The mean of the steps of a unit vector that turns by turn_e (rad) in so many ticks.
+double length_of_mean(double turn_e, double ticks);
 
 }  // namespace twinrate

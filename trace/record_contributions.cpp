@@ -41,11 +41,15 @@ void late_voltage(const Effect& effect, const SamplingFacts& late,
 
 }  // namespace
 
-CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to)
-    : from_(from), to_(to) {
+CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to, double ticks)
+    : from_(from), to_(to), ticks_(ticks), turn_e_(to.theta_e - from.theta_e) {
+  if (ticks_ != 0) {
+    parts_ = 2;
+    return;
+  }
   constexpr double kStraight = 0.15;  // rad, of an arc that is 0.3 % of its radius from its chord
   constexpr double kMost = 64;        // parts: of an angle that jumps
-  const double turns = std::abs(to.theta_e - from.theta_e) / kStraight;
+  const double turns = std::abs(turn_e_) / kStraight;
   if (turns > 1) parts_ = static_cast<int>(std::min(kMost, std::ceil(turns)));
 }
 
@@ -60,7 +64,21 @@ OperatingPoint CurrentPath::between(int edge) const {
   return p;
 }
 
+// Halfway through the tick that begins at an end.
+OperatingPoint CurrentPath::tick(const OperatingPoint& end) const {
+  OperatingPoint p = end;
+  p.theta_e += 0.5 * turn_e_ / ticks_;
+  const auto [s, c] = math::sincos(p.theta_e);
+  p.d_axis = {c, s};
+  return p;
+}
+
+Vec2 CurrentPath::of_tick(const Vec2& drop) const {
+  return inverse_park(Vec2(0.5 * length_of_mean(turn_e_, ticks_) * drop), 0.5 * turn_e_);
+}
+
 OperatingPoint CurrentPath::part(int j) const {
+  if (ticks_ != 0) return tick(j == 0 ? from_ : to_);
   const auto current = [](const OperatingPoint& p) { return p.stator_axes(p.i_terminal()); };
   OperatingPoint begin = j == 0 ? from_ : between(j);
   begin.i_moves = (j + 1 == parts_ ? current(to_) : current(between(j + 1))) - current(begin);
@@ -70,7 +88,7 @@ OperatingPoint CurrentPath::part(int j) const {
 RecordContributions::RecordContributions(const Effects& effects,
                                          const std::vector<OperatingPoint>& points,
                                          const Record& record)
-    : points_(points) {
+    : points_(points), ticks_each_(record.ticks_each) {
   for (const auto& effect : effects) {
     ShaftFacts shaft;
     SamplingFacts sampling;
@@ -124,7 +142,7 @@ Vec2 RecordContributions::of_interval(std::size_t k) const {
   }
   if (of_the_path_.empty() || k + 1 >= points_.size()) return drop;
   const auto along = [&](const OperatingPoint& from, const OperatingPoint& to) {
-    return CurrentPath(from, to).mean([&](const OperatingPoint& part) {
+    return CurrentPath(from, to, ticks_each_).mean([&](const OperatingPoint& part) {
       Vec2 sum = Vec2::Zero();
       for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
       return sum;

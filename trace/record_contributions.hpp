@@ -17,15 +17,16 @@ bool acts_on_command(const Effect& effect);
 bool follows_current(const Effect& effect);
 
 // The terminal current's path from one row to the next, in parts that are straight in stator axes:
-// between the rows the current in rotor axes and the angle change evenly.
+// between the rows the current in rotor axes and the angle change evenly. If the row's voltage is made
+// from the ticks at its ends (`ticks` in the row, not zero), the path is these two ticks.
 class CurrentPath {
  public:
-  CurrentPath(const OperatingPoint& from, const OperatingPoint& to);
+  CurrentPath(const OperatingPoint& from, const OperatingPoint& to, double ticks);
   int parts() const { return parts_; }
   OperatingPoint part(int j) const;  // its beginning, with i_moves
   // What a drop in the rotor axes of a part adds to the mean in the rotor axes of `from`.
   Vec2 share(const OperatingPoint& part, const Vec2& drop) const {
-    return from_.rotor_axes(part.stator_axes(drop)) / parts_;
+    return ticks_ ? of_tick(drop) : Vec2(from_.rotor_axes(part.stator_axes(drop)) / parts_);
   }
   template <class Drop>
   Vec2 mean(const Drop& drop_of) const {
@@ -40,10 +41,14 @@ class CurrentPath {
 
  private:
   OperatingPoint between(int edge) const;  // where part `edge` begins
+  OperatingPoint tick(const OperatingPoint& end) const;
+  Vec2 of_tick(const Vec2& drop) const;
 
   const OperatingPoint& from_;
   const OperatingPoint& to_;
   int parts_ = 1;
+  double ticks_;
+  double turn_e_;  // rad
 };
 
 class RecordContributions {
@@ -71,7 +76,8 @@ class RecordContributions {
   bool late_ = false;
   std::vector<std::vector<Contribution>> with_memory_;
   std::vector<std::vector<double>> T_load_;  // of shafts
-  double J_ = 0;                             // inertia behind the shafts, negative
+  double ticks_each_;
+  double J_ = 0;  // inertia behind the shafts, negative
 };
 
 }  // namespace twinrate

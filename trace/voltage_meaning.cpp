@@ -86,14 +86,14 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
 Record with_mean_of_ticks(const Record& record, const DriveFacts& facts) {
   Record out = record;
   const double ticks = record.T_s / facts.T_s;
+  out.ticks_each = ticks;
   const auto turn_e = [&](std::size_t k) {  // up to the next row; the last as the one before
     const std::size_t from = std::min(k, record.size() - 2);
     return facts.machine.n_p * (record.theta_m[from + 1] - record.theta_m[from]);
   };
   for (std::size_t k = 0; k + 1 < record.size(); ++k) {
     const double half = 0.5 * turn_e(k), half_tick = half / ticks;
-    const double kept =
-        std::abs(half_tick) < 1e-6 ? 1 : std::sin(half) / (ticks * std::sin(half_tick));
+    const double kept = length_of_mean(turn_e(k), ticks);
     const Vec2 begin = inverse_park(record.u_alphabeta[k], half - half_tick),
                end = inverse_park(record.u_alphabeta[k + 1], -half - 0.5 * turn_e(k + 1) / ticks);
     out.u_alphabeta[k] = 0.5 * kept * (begin + end);

@@ -455,28 +455,6 @@ TEST(Units, ASlowRotorLeavesTheVoltagesFrameOpen) {
   EXPECT_GT(meaning.open_e, 0.003);
 }
 
-// At constant speed: against the sum of the steps that a controller makes from row to row.
-TEST(Units, TheMeanOfTicksIsThatOfTheStepsBetweenTwoRows) {
-  constexpr int kTicks = 10;
-  const DriveFacts facts = servo().facts();
-  Record record;
-  record.T_s = kTicks * facts.T_s;
-  constexpr double kTurn = 0.8;  // rad, electrical, a row
-  const auto of_tick = [](double ticks) {
-    return inverse_park({3, 10}, kTurn / kTicks * (ticks + 0.5));
-  };
-  for (std::size_t k = 0; k < 50; ++k) {
-    const auto row = static_cast<double>(k);
-    record.t.push_back(record.T_s * row);
-    record.theta_m.push_back(kTurn * row / facts.machine.n_p);
-    record.u_alphabeta.push_back(of_tick(kTicks * row));
-  }
-  Vec2 sum = Vec2::Zero();
-  for (int tick = 0; tick < kTicks; ++tick) sum += of_tick(20 * kTicks + tick);
-  const Vec2 mean = with_mean_of_ticks(record, facts).u_alphabeta[20];
-  EXPECT_NEAR((mean - sum / kTicks).norm(), 0, 1e-9);
-}
-
 TEST(Units, AreAskedForBeforeAnyEffect) {
   RawLog raw = plain_log();
   scale(raw, kCurrents, 1e3);
