@@ -95,6 +95,7 @@ Equations::Equations(const Record& record, const DriveFacts& facts, Effects know
           record.T_load[k] -
           0.5 * load_held_ * (record.T_load[k] - record.T_load[k - std::min<std::size_t>(k, 1)]);
   }
+  ripple_ = ripple_share(i_dq);
   base_ = known_.empty() ? assemble(measured_, {}, points_) : residual_of(known_);
 }
 
@@ -180,12 +181,43 @@ Vec2 Equations::mean_of_tick(const Vec2& i_dq, double omega_m) const {
   return (1 - turned) * i_dq - Vec2(turned * facts_.machine.psi_f / facts_.machine.L_d, 0);
 }
 
+// By Wiener: the share of ripple in the power that smoothing takes away, of which the sensors' noise is
+// the remainder.
+Vec2 Equations::ripple_share(const std::vector<Vec2>& i_smoothed) const {
+  Vec2 share = Vec2::Zero();
+  for (Eigen::Index axis = 0; axis < 2 && !i_smoothed.empty(); ++axis) {
+    const std::vector<Vec2>& i = measured_.i_dq;
+    const double sigma = white_noise(
+        i.size(), [&](std::size_t k) { return i[k][axis]; }, record_.electrical_ok);
+    double power = 0, rows = 0;
+    for (std::size_t k = 0; k < i.size(); ++k)
+      if (record_.electrical_ok[k]) power += std::pow(i[k][axis] - i_smoothed[k][axis], 2), ++rows;
+    const double noise = rows * (1 - own_share(record_.rows_each)) * sigma * sigma;
+    if (power > noise) share[axis] = 1 - noise / power;
+  }
+  return share;
+}
+
+std::vector<Vec2> Equations::path_currents(const Signals& s,
+                                           const std::vector<OperatingPoint>& points) const {
+  std::vector<Vec2> i(s.i_dq.size());
+  for (std::size_t k = 0; k < i.size(); ++k)
+    i[k] = mean_of_tick(points[k].i_dq + ripple_.cwiseProduct(s.i_dq[k] - points[k].i_dq),
+                        points[k].omega_m);
+  return i;
+}
+
 Channels Equations::assemble(const Signals& s, const Effects& effects,
                              const std::vector<OperatingPoint>& points) const {
   const MachineParameters& m = facts_.machine;
   const std::size_t n = record_.size();
   const double T_s = record_.T_s;
-  const RecordContributions added(effects, points, record_);
+  const std::vector<Vec2> i_path =
+      std::any_of(effects.begin(), effects.end(),
+                  [](const auto& effect) { return follows_current(*effect); })
+          ? path_currents(s, points)
+          : std::vector<Vec2>();
+  const RecordContributions added(effects, points, record_, i_path);
   Channels e = empty(kOnTorque | kOnVoltage);
   const double bow = T_held_ * T_held_ * m.psi_f / (12 * m.L_d);
   const auto decay = [&](double L) { return std::pow(m.R_s * T_held_, 2) / (12 * L); };
@@ -366,13 +398,15 @@ std::vector<Channels> Equations::columns(const Effect& effect) const {
   std::vector<Contribution> all(count), part(count);
   std::vector<Before> before(count);
   const Mean how = mean_of(effect);
-  const bool path = follows_current(effect);
+  const bool path = follows_current(effect) && !measured_.i_dq.empty();
+  const std::vector<Vec2> i = path ? path_currents(measured_, points_) : std::vector<Vec2>();
   for (std::size_t k = 0; k < points_.size(); ++k) {
     if (!path || k + 1 == points_.size())
       tracing.regressors(points_[k], all);
     else
-      regressors_along(tracing, CurrentPath(points_[k], points_[k + 1], record_.ticks_each), all,
-                       part);
+      regressors_along(tracing,
+                       CurrentPath(points_[k], points_[k + 1], i[k], i[k + 1], record_.ticks_each),
+                       all, part);
     for (std::size_t r = 0; r < count; ++r) explain(k, all[r], how, x[r], before[r]);
   }
   return x;
@@ -420,7 +454,9 @@ Channels Equations::contribution(const Effect& effect) const {
       return x;
     }
     const Effects alone{effect.clone()};  // RecordContributions keeps a reference to it
-    const RecordContributions added(alone, points_, record_);
+    const std::vector<Vec2> i_path =
+        follows_current(effect) ? path_currents(measured_, points_) : std::vector<Vec2>();
+    const RecordContributions added(alone, points_, record_, i_path);
     const Mean how = mean_of(effect);
     Before before;
     for (std::size_t k = 0; k < points_.size(); ++k) {

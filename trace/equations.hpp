@@ -128,8 +128,13 @@ class Equations {
     std::vector<OperatingPoint> points;
   };
   UndoneSensing true_signals(const Effects& sensing) const;
-  double omega_rate(const Signals& s, std::size_t k) const;   // omega_m'
+  double omega_rate(const Signals& s, std::size_t k) const;  // omega_m'
+  Vec2 ripple_share(const std::vector<Vec2>& i_smoothed) const;
   Vec2 mean_of_tick(const Vec2& i_dq, double omega_m) const;  // current that makes the torque
+  // The currents for drops that follow them, mean of a tick. They keep the ripple that the drop
+  // itself makes, which a smoothed current lacks.
+  std::vector<Vec2> path_currents(const Signals& s,
+                                  const std::vector<OperatingPoint>& points) const;
   Channels assemble(const Signals& s, const Effects& effects,
                     const std::vector<OperatingPoint>& points) const;
   Channels residual_of(const Effects& effects, Undone undone = Undone::kForgotten) const;
@@ -151,9 +156,10 @@ class Equations {
   DriveFacts facts_;
   Effects known_;
   Considered considered_;
-  double T_held_ = 0;     // s, for which a voltage is held
-  double bent_ = 0;       // share of a cubic's term in the mean of a current
-  double load_held_ = 0;  // for which a load is held, over T_s
+  double T_held_ = 0;           // s, for which a voltage is held
+  double bent_ = 0;             // share of a cubic's term in the mean of a current
+  double load_held_ = 0;        // for which a load is held, over T_s
+  Vec2 ripple_ = Vec2::Zero();  // share of ripple in what smoothing takes from the currents
   Signals measured_;
   std::vector<double> omega_m_;
   std::vector<OperatingPoint> points_;

@@ -10,6 +10,7 @@
 #include "trace/loop_response.hpp"
 #include "trace/parallel.hpp"
 #include "trace/rounding.hpp"
+#include "trace/signals.hpp"
 
 namespace twinrate {
 namespace {
@@ -92,25 +93,6 @@ bool is_clean(const Eigen::VectorXd& x, const Eigen::VectorXd& noise,
   constexpr double kNoisy = 0.02;  // share of its energy
   return x.size() > 0 &&
          (!noise.size() || (noise + answer).squaredNorm() < kNoisy * x.squaredNorm());
-}
-
-// Standard deviation of the white noise on a slow signal that is sampled fast, from its fourth
-// difference at the rows of `use`.
-template <class Value>
-double white_noise(std::size_t n, Value&& value, const std::vector<char>& use) {
-  std::vector<double> sizes;
-  for (std::size_t k = 4; k < n; ++k)
-    if (use[k] && use[k - 2] && use[k - 4])
-      sizes.push_back(std::abs(value(k) - 4 * value(k - 1) + 6 * value(k - 2) - 4 * value(k - 3) +
-                               value(k - 4)));
-  if (sizes.empty()) return 0;
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
-  const double outlier = 6 * *middle;
-  double sum = 0, count = 0;
-  for (double size : sizes)
-    if (size <= outlier) sum += size * size, ++count;
-  return std::sqrt(sum / count / 70);
 }
 
 // Rounding errors, and white noise if the fourth difference is larger than rounding alone makes.

@@ -41,8 +41,14 @@ void late_voltage(const Effect& effect, const SamplingFacts& late,
 
 }  // namespace
 
-CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to, double ticks)
-    : from_(from), to_(to), ticks_(ticks), turn_e_(to.theta_e - from.theta_e) {
+CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to, const Vec2& i_from,
+                         const Vec2& i_to, double ticks)
+    : from_(from),
+      to_(to),
+      i_from_(i_from),
+      i_to_(i_to),
+      ticks_(ticks),
+      turn_e_(to.theta_e - from.theta_e) {
   if (ticks_ != 0) {
     parts_ = 2;
     return;
@@ -56,7 +62,7 @@ CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to, d
 OperatingPoint CurrentPath::between(int edge) const {
   const double share = static_cast<double>(edge) / parts_;
   OperatingPoint p = from_;
-  p.i_dq += share * (to_.i_dq - from_.i_dq);
+  p.i_dq = i_from_ + share * (i_to_ - i_from_);
   p.i_around += share * (to_.i_around - from_.i_around);
   p.theta_e += share * (to_.theta_e - from_.theta_e);
   const auto [s, c] = math::sincos(p.theta_e);
@@ -65,8 +71,9 @@ OperatingPoint CurrentPath::between(int edge) const {
 }
 
 // Halfway through the tick that begins at an end.
-OperatingPoint CurrentPath::tick(const OperatingPoint& end) const {
+OperatingPoint CurrentPath::tick(const OperatingPoint& end, const Vec2& i_dq) const {
   OperatingPoint p = end;
+  p.i_dq = i_dq;
   p.theta_e += 0.5 * turn_e_ / ticks_;
   const auto [s, c] = math::sincos(p.theta_e);
   p.d_axis = {c, s};
@@ -78,17 +85,22 @@ Vec2 CurrentPath::of_tick(const Vec2& drop) const {
 }
 
 OperatingPoint CurrentPath::part(int j) const {
-  if (ticks_ != 0) return tick(j == 0 ? from_ : to_);
+  if (ticks_ != 0) return j == 0 ? tick(from_, i_from_) : tick(to_, i_to_);
   const auto current = [](const OperatingPoint& p) { return p.stator_axes(p.i_terminal()); };
-  OperatingPoint begin = j == 0 ? from_ : between(j);
-  begin.i_moves = (j + 1 == parts_ ? current(to_) : current(between(j + 1))) - current(begin);
+  const auto edge = [&](int at) {
+    OperatingPoint p = at == 0 ? from_ : at == parts_ ? to_ : between(at);
+    p.i_dq = i_from_ + static_cast<double>(at) / parts_ * (i_to_ - i_from_);
+    return p;
+  };
+  OperatingPoint begin = edge(j);
+  begin.i_moves = current(edge(j + 1)) - current(begin);
   return begin;
 }
 
 RecordContributions::RecordContributions(const Effects& effects,
                                          const std::vector<OperatingPoint>& points,
-                                         const Record& record)
-    : points_(points), ticks_each_(record.ticks_each) {
+                                         const Record& record, std::span<const Vec2> i_path)
+    : points_(points), i_path_(i_path), ticks_each_(record.ticks_each) {
   for (const auto& effect : effects) {
     ShaftFacts shaft;
     SamplingFacts sampling;
@@ -142,11 +154,14 @@ Vec2 RecordContributions::of_interval(std::size_t k) const {
   }
   if (of_the_path_.empty() || k + 1 >= points_.size()) return drop;
   const auto along = [&](const OperatingPoint& from, const OperatingPoint& to) {
-    return CurrentPath(from, to, ticks_each_).mean([&](const OperatingPoint& part) {
-      Vec2 sum = Vec2::Zero();
-      for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
-      return sum;
-    });
+    const bool own = i_path_.empty();
+    return CurrentPath(from, to, own ? from.i_dq : i_path_[k], own ? to.i_dq : i_path_[k + 1],
+                       ticks_each_)
+        .mean([&](const OperatingPoint& part) {
+          Vec2 sum = Vec2::Zero();
+          for (const Effect* effect : of_the_path_) sum += effect->at(part).u_dq_drop;
+          return sum;
+        });
   };
   return drop + (around_winding_.empty() ? along(points_[k], points_[k + 1])
                                          : along(point(k), point(k + 1)));

@@ -1,6 +1,7 @@
 // The contributions of effects to each row of a record: those of the operating point, of effects
 // with memory, and of effects on the commanded voltage.
 #pragma once
+#include <span>
 #include <vector>
 
 #include "model/effects/effect.hpp"
@@ -18,10 +19,12 @@ bool follows_current(const Effect& effect);
 
 // The terminal current's path from one row to the next, in parts that are straight in stator axes:
 // between the rows the current in rotor axes and the angle change evenly. If the row's voltage is made
-// from the ticks at its ends (`ticks` in the row, not zero), the path is these two ticks.
+// from the ticks at its ends (`ticks` in the row, not zero), the path is these two ticks. `i_from` and
+// `i_to`: the winding's currents there, A, in rotor axes.
 class CurrentPath {
  public:
-  CurrentPath(const OperatingPoint& from, const OperatingPoint& to, double ticks);
+  CurrentPath(const OperatingPoint& from, const OperatingPoint& to, const Vec2& i_from,
+              const Vec2& i_to, double ticks);
   int parts() const { return parts_; }
   OperatingPoint part(int j) const;  // its beginning, with i_moves
   // What a drop in the rotor axes of a part adds to the mean in the rotor axes of `from`.
@@ -41,11 +44,12 @@ class CurrentPath {
 
  private:
   OperatingPoint between(int edge) const;  // where part `edge` begins
-  OperatingPoint tick(const OperatingPoint& end) const;
+  OperatingPoint tick(const OperatingPoint& end, const Vec2& i_dq) const;
   Vec2 of_tick(const Vec2& drop) const;
 
   const OperatingPoint& from_;
   const OperatingPoint& to_;
+  Vec2 i_from_, i_to_;
   int parts_ = 1;
   double ticks_;
   double turn_e_;  // rad
@@ -53,8 +57,10 @@ class CurrentPath {
 
 class RecordContributions {
  public:
+  // `i_path`: the winding's current at each row for the drops that follow it, A, in rotor axes; empty:
+  // that of the points. All are kept by reference.
   RecordContributions(const Effects& effects, const std::vector<OperatingPoint>& points,
-                      const Record& record);
+                      const Record& record, std::span<const Vec2> i_path = {});
   // All contributions except those of an interval.
   Contribution operator[](std::size_t k) const;
   bool any_of_interval() const {
@@ -71,6 +77,7 @@ class RecordContributions {
   Contribution at(const OperatingPoint& point, std::size_t k) const;
 
   const std::vector<OperatingPoint>& points_;
+  std::span<const Vec2> i_path_;
   std::vector<const Effect*> of_the_point_, of_the_angle_, of_the_command_, of_the_path_;
   Effects around_winding_;  // effects that can change the current at the terminals
   bool late_ = false;

@@ -2,8 +2,25 @@
 
 namespace twinrate {
 
+namespace {
+
+Eigen::Index reach_of(int rows_each) {
+  return std::max(2, 5 / rows_each);
+}
+
+// Of the sample j rows away, for a quadratic through 2 m + 1.
+double weight(double m, double j) {
+  return 3 * (3 * m * m + 3 * m - 1 - 5 * j * j) / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3));
+}
+
+}  // namespace
+
+double own_share(int rows_each) {
+  return weight(static_cast<double>(reach_of(rows_each)), 0);
+}
+
 std::vector<Vec2> smoothed(const std::vector<Vec2>& x, int rows_each) {
-  const Eigen::Index reach = std::max(2, 5 / rows_each);
+  const Eigen::Index reach = reach_of(rows_each);
   std::vector<Vec2> out = x;
   const Eigen::Index inner = static_cast<Eigen::Index>(x.size()) - 2 * reach;
   if (inner <= 0) return out;
@@ -11,12 +28,9 @@ std::vector<Vec2> smoothed(const std::vector<Vec2>& x, int rows_each) {
   const Eigen::Map<const Eigen::ArrayXd> in(x.front().data(), 2 * (inner + 2 * reach));
   const auto at = [&](Eigen::Index j) { return in.segment(2 * (reach + j), 2 * inner); };
   const auto m = static_cast<double>(reach);
-  const auto weight = [m](double j) {
-    return 3 * (3 * m * m + 3 * m - 1 - 5 * j * j) / ((2 * m - 1) * (2 * m + 1) * (2 * m + 3));
-  };
-  Eigen::ArrayXd sum = weight(0) * at(0);
+  Eigen::ArrayXd sum = weight(m, 0) * at(0);
   for (Eigen::Index j = 1; j <= reach; ++j)
-    sum += weight(static_cast<double>(j)) * (at(-j) + at(j));
+    sum += weight(m, static_cast<double>(j)) * (at(-j) + at(j));
   Eigen::Map<Eigen::ArrayXd>(out.front().data(), 2 * (inner + 2 * reach))
       .segment(2 * reach, 2 * inner) = sum;
   return out;

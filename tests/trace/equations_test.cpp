@@ -5,7 +5,6 @@
 
 #include <tuple>
 
-#include "model/effects/shapes.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/dictionary.hpp"
 #include "trace/keys.hpp"
@@ -254,69 +253,6 @@ TEST(Equations, AnEffectOfTheAngleIsAveragedOverItsInterval) {
   }
   EXPECT_NEAR(peak(torque), std::pow(2 * std::sin(x / 2) / x, 2), 1e-4);
   EXPECT_NEAR(peak(d) / (2 * std::sin(x / 2) / T_s), 1, 1e-4);
-}
-
-TEST(Shapes, AMeanOfTheCurrentsSignIsItsIntegral) {
-  constexpr int kSteps = 20000;
-  for (const CurrentShape shape :
-       {CurrentShape::kClamp, CurrentShape::kTanh, CurrentShape::kAtan, CurrentShape::kRoot})
-    for (const auto& [x, y] : {std::pair{-3.0, 5.0}, {0.4, 1.7}, {0.9998, 1.0002}, {-40.0, -2.0}}) {
-      double sum = 0;
-      for (int j = 0; j < kSteps; ++j) sum += current_sign(x + (y - x) * (j + 0.5) / kSteps, shape);
-      EXPECT_NEAR(mean_current_sign(x, y, shape), sum / kSteps, 1e-6) << x << " to " << y;
-      EXPECT_NEAR(mean_current_sign(y, x, shape), sum / kSteps, 1e-6) << y << " to " << x;
-    }
-}
-
-// Where a phase current changes its sign, the mean of a dead time's drop over a row is not the mean
-// of its ends. Constant currents in rotor axes, against a finer sum.
-TEST(Equations, ADropThatFollowsTheCurrentIsAveragedOverItsPath) {
-  const DriveFacts facts = servo().facts();
-  constexpr double kTurn = 0.4, kCurrent = 5;  // rad electrical a row, A
-  constexpr int kSteps = 2000;
-  Record r = record();
-  for (std::size_t k = 0; k < r.size(); ++k) {
-    r.theta_m[k] = kTurn * static_cast<double>(k) / facts.machine.n_p;
-    r.i_alphabeta[k] = inverse_park({0, kCurrent}, kTurn * static_cast<double>(k));
-  }
-  const Equations equations(r, facts);
-  const auto disagrees = [&](const std::shared_ptr<Effect>& effect, std::size_t regressor) {
-    const Channels x = equations.columns(*effect)[regressor];
-    std::vector<Contribution> at(static_cast<std::size_t>(effect->tracing().regressor_count()));
-    double wrong = 0, size = 0;
-    for (std::size_t k = 50; k < 150; ++k) {
-      Vec2 mean = Vec2::Zero();
-      for (int j = 0; j < kSteps; ++j) {
-        OperatingPoint p = equations.points()[k];
-        p.theta_e = kTurn * (static_cast<double>(k) + (j + 0.5) / kSteps);
-        p.theta_m = p.theta_e / facts.machine.n_p;
-        p.d_axis = {std::cos(p.theta_e), std::sin(p.theta_e)};
-        p.i_dq = {0, kCurrent};
-        effect->tracing().regressors(p, at);
-        mean += p.stator_axes(at[regressor].u_dq_drop) / kSteps;
-      }
-      const Vec2 dq = park(mean, kTurn * (static_cast<double>(k) + 0.5));
-      wrong += (Vec2(x.d[k], x.q[k]) - dq).squaredNorm();
-      size += dq.squaredNorm();
-    }
-    return std::sqrt(wrong / size);
-  };
-  const auto dead_time = make_effect("dead_time"), drop = make_effect("inverter_drop");
-  for (const auto& effect : {dead_time, drop}) {
-    set_key(*effect, "linear_current_A", 0.1);
-    ASSERT_EQ(effect->prepare(facts), "");
-  }
-  EXPECT_LT(disagrees(dead_time, 0), 2e-3);  // 0.17 by the ends
-  EXPECT_LT(disagrees(drop, 0), 2e-3);
-  EXPECT_LT(disagrees(drop, 1), 2e-3);
-  // The residual moves by the same.
-  const auto one = dead_time->clone();
-  set_key(*one, "dead_time_s", 1e-6);
-  const Channels before = equations.residual({}), after = equations.residual({one}),
-                 column = equations.columns(*dead_time)[0];
-  EXPECT_LT(
-      disagreement({&before.d, &before.q}, {&after.d, &after.q}, {&column.d, &column.q}, 1e-6),
-      1e-6);
 }
 
 // A current of one frequency after a filter and after a delay, in closed form.

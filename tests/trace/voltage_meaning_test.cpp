@@ -51,12 +51,16 @@ TEST(VoltageMeaning, TheMeanOfTicksHoldsTheDropsAtTheRowsEnds) {
   set_key(*dead_time, "linear_current_A", 0.1);
   ASSERT_EQ(dead_time->prepare(facts), "");
   const Vec2 i_dq(0, 5);
+  // Its mean over a tick: the voltage is held while the magnets turn.
+  const double turned = std::pow(kTurn / kTicks, 2) / 12;
+  const Vec2 i_mean =
+      (1 - turned) * i_dq - Vec2(turned * facts.machine.psi_f / facts.machine.L_d, 0);
   const auto drop_of_tick = [&](double ticks) {
     OperatingPoint p;
     p.v_dc = 235.4;
     p.theta_e = kTurn / kTicks * (ticks + 0.5);
     p.d_axis = {std::cos(p.theta_e), std::sin(p.theta_e)};
-    p.i_dq = i_dq;
+    p.i_dq = i_mean;
     return Vec2(p.stator_axes(dead_time->at(p).u_dq_drop));
   };
   const auto record = [&](const auto& of_tick) {
