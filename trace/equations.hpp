@@ -26,7 +26,9 @@
 //   current  i_dq (1 - (omega_e T)^2/12) - T^2 omega_e^2 psi_f/(12 L_d) along d
 //
 // A drop that bends where a current changes its sign (dead time, switches) is its mean along the
-// current's path, whose parts are straight in stator axes (trace/record_contributions.hpp).
+// path of this mean current, whose parts are straight in stator axes
+// (trace/record_contributions.hpp). The ripple that such a drop makes is in the path; the noise of the
+// readings is smoothed.
 //
 // A load that is set and held for T is taken at T/2 before its row; a measured load at its row.
 //

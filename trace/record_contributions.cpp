@@ -59,12 +59,13 @@ CurrentPath::CurrentPath(const OperatingPoint& from, const OperatingPoint& to, c
   if (turns > 1) parts_ = static_cast<int>(std::min(kMost, std::ceil(turns)));
 }
 
-OperatingPoint CurrentPath::between(int edge) const {
-  const double share = static_cast<double>(edge) / parts_;
-  OperatingPoint p = from_;
+OperatingPoint CurrentPath::edge(int j) const {
+  const double share = static_cast<double>(j) / parts_;
+  OperatingPoint p = j == parts_ ? to_ : from_;
   p.i_dq = i_from_ + share * (i_to_ - i_from_);
+  if (j == 0 || j == parts_) return p;
   p.i_around += share * (to_.i_around - from_.i_around);
-  p.theta_e += share * (to_.theta_e - from_.theta_e);
+  p.theta_e += share * turn_e_;
   const auto [s, c] = math::sincos(p.theta_e);
   p.d_axis = {c, s};
   return p;
@@ -87,11 +88,6 @@ Vec2 CurrentPath::of_tick(const Vec2& drop) const {
 OperatingPoint CurrentPath::part(int j) const {
   if (ticks_ != 0) return j == 0 ? tick(from_, i_from_) : tick(to_, i_to_);
   const auto current = [](const OperatingPoint& p) { return p.stator_axes(p.i_terminal()); };
-  const auto edge = [&](int at) {
-    OperatingPoint p = at == 0 ? from_ : at == parts_ ? to_ : between(at);
-    p.i_dq = i_from_ + static_cast<double>(at) / parts_ * (i_to_ - i_from_);
-    return p;
-  };
   OperatingPoint begin = edge(j);
   begin.i_moves = current(edge(j + 1)) - current(begin);
   return begin;

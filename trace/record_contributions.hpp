@@ -18,9 +18,9 @@ bool acts_on_command(const Effect& effect);
 bool follows_current(const Effect& effect);
 
 // The terminal current's path from one row to the next, in parts that are straight in stator axes:
-// between the rows the current in rotor axes and the angle change evenly. If the row's voltage is made
-// from the ticks at its ends (`ticks` in the row, not zero), the path is these two ticks. `i_from` and
-// `i_to`: the winding's currents there, A, in rotor axes.
+// between the rows the current in rotor axes and the angle change evenly. If the row's voltage is
+// made from the ticks at its ends (`ticks` in the row, not zero), the path is these two ticks.
+// `i_from` and `i_to`: the winding's currents there, A, in rotor axes.
 class CurrentPath {
  public:
   CurrentPath(const OperatingPoint& from, const OperatingPoint& to, const Vec2& i_from,
@@ -43,7 +43,7 @@ class CurrentPath {
   }
 
  private:
-  OperatingPoint between(int edge) const;  // where part `edge` begins
+  OperatingPoint edge(int j) const;  // where part j begins
   OperatingPoint tick(const OperatingPoint& end, const Vec2& i_dq) const;
   Vec2 of_tick(const Vec2& drop) const;
 
