@@ -16,7 +16,7 @@ struct Record {
   std::string source;
   double T_s = 0;
   // Ticks in a row, if its voltage is made from those at its ends (trace/voltage_meaning.hpp); zero:
-  // the voltage is the log's.
+  // the voltage is the log's, or the mean of several rows.
   double ticks_each = 0;
   std::optional<double> begin_s;  // of the log, if the record is made of parts of one
   int rows_each = 1;              // rows of the log in one row (trace/thinning.hpp)

@@ -90,7 +90,6 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   out.current_sensors = record.current_sensors;
   out.load_measured = record.load_measured;
   out.i_q_alone = record.i_q_alone;
-  out.ticks_each = record.ticks_each;
   out.angle = record.angle;
   out.t = taken(record.t, at);
   const bool u = !record.u_alphabeta.empty(), i = !record.i_alphabeta.empty();
