@@ -38,6 +38,10 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
     pair.way += kSlope[j] * (after - before);
     pair.ahead -= kValue[j] * (after + before);
   }
+  if (!third) return pair;
+  pair.noise_z = raw.i_c[k] - raw.i_c[k - 1];
+  for (std::size_t j = 0; j < kSide; ++j)
+    pair.noise_z -= kSlope[j] * (raw.i_c[k + 1 + j] - raw.i_c[k - 2 - j]);
   return pair;
 }
 
@@ -59,7 +63,8 @@ void HeldCurrents::add(const CurrentPair& pair, bool turning) {
   ++few_.rows;
   few_.next.add(pair.repeated, third_);
   few_.over_one.add(pair.over_one, third_);
-  const Vec2 noise = pair.step - pair.way;
+  Eigen::Vector3d noise;
+  noise << pair.step - pair.way, pair.noise_z;
   steps_ += noise * noise.transpose();
   ++rows_;
   if (few_.rows == kFew) close_few();
@@ -89,11 +94,13 @@ void HeldCurrents::close_few() {
 double HeldCurrents::beyond_chance(double i_lsb) const {
   constexpr double kReach =
       0.57;  // steps squared, from noise of half a step; 1/6 is the converter's own
-  if (variance_ <= 0 || i_lsb <= 0 ||
-      (steps_.diagonal().array() < kReach * i_lsb * i_lsb * rows_).any())
+  const Eigen::Array3d powers = steps_.diagonal();
+  const Eigen::Index sensors = third_ ? 3 : 2;
+  if (variance_ <= 0 || i_lsb <= 0 || (powers.head(sensors) < kReach * i_lsb * i_lsb * rows_).any())
     return 0;
-  const double rho2 = std::pow(steps_(0, 1), 2) / (steps_(0, 0) * steps_(1, 1));
-  const double alike = std::max(1 / std::sqrt(std::max(1e-6, 1 - rho2)),
+  const double det = third_ ? steps_.determinant() : steps_.topLeftCorner<2, 2>().determinant(),
+               det_R = det / powers.head(sensors).prod();
+  const double alike = std::max(1 / std::sqrt(std::max(1e-6, det_R)),
                                 all_over_one_ / std::max(1.0, by_chance_over_one_));
   const double more = all_ - by_chance_ * alike;
   return more > kSure * std::sqrt(variance_ * (1 + alike * alike)) ? more / others_ : 0;

@@ -17,9 +17,10 @@
 //
 // If currents change by less than their step a row, v is lost in noise. Then both repeat by chance
 // in n_x n_y/n of n rows, if each repeats in n_x and n_y rows (n_x n_y n_z/n^2 with three sensors).
-// This number is multiplied by 1/sqrt(1 - rho^2) if their noise is correlated, or by the factor
-// with which they repeat the row before the last together (bursts). Repetitions beyond it are held
-// rows. (If the noise is smaller than the steps of the converter, both currents repeat as long as
+// This number is multiplied by 1/sqrt(det R), R the correlations of the steps' noise: the density of
+// correlated steps at zero over that of independent ones. Three currents that add up to nearly zero
+// repeat together often. Or it is multiplied by the factor with which they repeat the row before the
+// last together (bursts), whichever is the larger. Repetitions beyond it are held rows. (If the noise is smaller than the steps of the converter, both currents repeat as long as
 // neither is near an edge. Then no share is reported.)
 #pragma once
 #include <cstddef>
@@ -46,6 +47,7 @@ struct CurrentPair {
   Vec2 step = Vec2::Zero();     // A, from row k-1 to row k
   Vec2 way = Vec2::Zero();      // A a row, slope of the line
   Vec2 ahead = Vec2::Zero();    // A, sum of the two rows less twice the line (e above)
+  double noise_z = 0;           // A, step of the third current less the slope of its line
   bool repeats() const { return repeated.all(); }
   // Closer to the value of a held row than to that of chance.
   bool looks_held() const { return repeats() && -2 * ahead.dot(way) > way.squaredNorm(); }
@@ -86,7 +88,7 @@ class HeldCurrents {
   Few few_;
   double all_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over the groups
   double all_over_one_ = 0, by_chance_over_one_ = 0;
-  Eigen::Matrix2d steps_ = Eigen::Matrix2d::Zero();  // products of the steps' noise
+  Eigen::Matrix3d steps_ = Eigen::Matrix3d::Zero();  // products of the steps' noise
   std::size_t seen_ = 0;
   double rows_ = 0;  // rows in these products
 };

@@ -1,6 +1,7 @@
 // Repeated rows: a fault if the rotor moves, chance at standstill.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -212,6 +213,41 @@ TEST(Health, CurrentsThatHardlyChangeRepeatTogetherWhereTheyAreHeld) {
   at_rest.theta_m.assign(at_rest.size(), 0.3);
   for (std::size_t k = 39; k < at_rest.size(); k += 40) at_rest.v_dc[k] = at_rest.v_dc[k - 1];
   EXPECT_EQ(held_share(at_rest), 0);
+}
+
+// Three sensors on currents that a noisy drive moves from row to row: two currents that repeat make
+// the third repeat, because they add up to zero. One of `every` rows is not read.
+RawLog currents_that_add_up(std::uint64_t seed, std::size_t rows, std::size_t every) {
+  RawLog raw;
+  raw.path = "three sensors";
+  for (std::size_t k = 0; k < rows; ++k) {
+    raw.t.push_back(1e-4 * static_cast<double>(k));
+    raw.theta_m.push_back(2 * raw.t.back());
+    const std::array<double, 2> moved = {0.04 * normal(seed, 0, k), 0.04 * normal(seed, 1, k)};
+    const auto read = [&](std::uint64_t stream, double angle) {
+      const double i = moved[0] * std::cos(angle) + moved[1] * std::sin(angle);
+      return 0.01 * std::round((i + 0.006 * normal(seed, stream, k)) / 0.01);
+    };
+    const bool held = every > 0 && k % every == every - 1;
+    raw.i_a.push_back(held ? raw.i_a[k - 1] : read(2, 0));
+    raw.i_b.push_back(held ? raw.i_b[k - 1] : read(3, kTwoPi / 3));
+    raw.i_c.push_back(held ? raw.i_c[k - 1] : read(4, -kTwoPi / 3));
+    raw.v_dc.push_back(235.4 + 0.2 * normal(seed, 5, k));
+  }
+  return raw;
+}
+
+TEST(Health, ThreeCurrentsThatAddUpToZeroRepeatTogetherByChance) {
+  const auto held_share = [](const RawLog& raw) {
+    Health health;
+    make_record(raw, 3, health);
+    return health.held_share;
+  };
+  int claims = 0;
+  for (std::uint64_t seed = 0; seed < 300; ++seed)
+    claims += held_share(currents_that_add_up(seed, 1500, 0)) > 0;
+  EXPECT_EQ(claims, 0);
+  EXPECT_NEAR(held_share(currents_that_add_up(0, 20000, 50)), 0.02, 0.004);
 }
 
 // A controller that sees the counts of a coarse encoder makes the currents leap at each and decay.
