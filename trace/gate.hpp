@@ -36,7 +36,8 @@
 //   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
 //   slip       no slip of the user explains its equation as well (trace/slips.hpp)
 //   whole      all accepted claims together lower the error in each file and equation on which they
-//              act
+//              act. Where the meaning of a row's voltage is in doubt and more than twice the noise
+//              floor is left, they explain a tenth of the voltage error's energy above the floor
 // Whether they also predict better than "nothing changes" is reported but is no condition: at
 // constant speed and current nothing changes from row to row, and the best model predicts no
 // better.
@@ -95,6 +96,8 @@ class Gate {
   void set_resolution(std::function<double(const Effect&)> resolution) {
     resolution_ = std::move(resolution);
   }
+  // The meaning of a row's voltage is not exactly known (trace/voltage_meaning.hpp).
+  void set_voltage_in_doubt(bool in_doubt) { voltage_in_doubt_ = in_doubt; }
   // A doubt about the drive file or the log's signals. Computed once a claim has passed the rules
   // before.
   struct Doubt {
@@ -111,6 +114,7 @@ class Gate {
   Asked ask(const Fit& fit) const;
   std::vector<Refused> refusals(const Asked& asked) const;
   std::optional<Refused> whole_refusal(const Asked& asked, std::size_t& weakest) const;
+  std::optional<Refused> small_part_refusal(const Asked& asked, const Effect& weakest) const;
   std::optional<Refused> moved_refusal(const Members& all, const Passed& passed,
                                        std::size_t& most) const;
 
@@ -120,6 +124,7 @@ class Gate {
   Criterion criterion_;
   std::function<const HalfRate&()> half_rate_;
   std::function<double(const Effect&)> resolution_;
+  bool voltage_in_doubt_ = false;
   std::function<std::vector<Doubt>()> doubts_;
 };
 

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "model/frames.hpp"
+#include "model/random.hpp"
 #include "tests/trace/fitted_drive.hpp"
 #include "trace/agreement.hpp"
 #include "trace/fall.hpp"
@@ -246,6 +248,26 @@ TEST(Gate, RefusesAShaftThatOnlyMakesLinesOfTheAngleSmaller) {
   EXPECT_EQ(refused.rule, "sensors");
   EXPECT_LT(refused.number, 0);
   EXPECT_NE(refused.text.find("mean over frequencies"), std::string::npos) << refused.text;
+}
+
+// An offset of the inverter beside a slow error of the voltage, whose cause is unknown and which is far
+// larger. If the meaning of a row's voltage is in doubt, it may make the offset as well.
+TEST(Gate, RefusesASmallPartOfAnErrorThatAWrongMeaningOfTheVoltageMayMake) {
+  constexpr double kOffset_V = 0.4;
+  RawLog raw = log_with([](double, double, double) { return 0.0; });
+  for (std::size_t k = 0; k < raw.size(); ++k) {
+    const double rest = 3 * std::sin(1.5 * raw.t[k]);
+    const Vec2 u = inverse_park(Vec2(rest, -rest), servo().machine.n_p * raw.theta_m[k]) +
+                   clarke({kOffset_V, 0, -kOffset_V});
+    raw.u_alpha[k] += u[0];
+    raw.u_beta[k] += u[1];
+  }
+  const Members offset = {
+      effect_with("inverter_offset", {{"offset_a_V", kOffset_V}, {"offset_b_V", 0}})};
+  const FittedDrive drive(raw, offset);
+  const auto in_doubt = [](Gate& gate) { gate.set_voltage_in_doubt(true); };
+  EXPECT_EQ(refusal(drive, offset).rule, "");
+  EXPECT_EQ(refusal(drive, offset, in_doubt).rule, "whole");
 }
 
 // Beside 3 Nm that nobody explains the model predicts worse than "nothing changes": so it did
