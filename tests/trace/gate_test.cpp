@@ -424,6 +424,23 @@ TEST(Transfer, AChangeThatStandsFarOutOfTheNoiseIsAClaim) {
   }
 }
 
+// A lighter motor whose residual has less energy than the drawn noise, most of it at other
+// frequencies. It still must fall by more than an error of the angle would.
+TEST(Transfer, AnInertiaFarAboveTheNoiseAlongItsChangeNeedsNoMoreEnergyThanTheNoise) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 0.4;
+  votes.quieter = 0.5 * std::log(2);
+  votes.of_angle = 0.5;
+  for (const auto& [along, rule] : {std::pair(120.0, ""), std::pair(80.0, "sensors")}) {
+    votes.along_beside_noise = along;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << along;
+  }
+  votes.along_beside_noise = 120;
+  votes.of_angle = 0.95;
+  EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, "sensors");
+}
+
 TEST(Transfer, AFallAtOneLineOfTheAngleAloneIsNoShaft) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
