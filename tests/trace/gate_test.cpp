@@ -403,10 +403,22 @@ TEST(Transfer, AChangeOfTheControllersAnswerToNoiseIsNoClaim) {
   }
 }
 
+TEST(Transfer, WhereNoiseMayBeAllAClaimStandsOutOfItAlongItsChange) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.04, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 1.3;
+  votes.change_over_noise = 200;
+  for (const auto& [along, rule] : {std::pair(5.0, ""), std::pair(3.0, "sensors")}) {
+    votes.along_beside_noise = along;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << along;
+  }
+}
+
 TEST(Transfer, WhereNoiseMayBeAllAClaimIsFurtherBeyondTheControllersAnswer) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
   votes.over_noise = 1.4;
+  votes.along_beside_noise = 10;
   for (const auto& [times, rule] : {std::pair(120.0, ""), std::pair(70.0, "sensors")}) {
     votes.change_over_noise = times;
     EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << times;
