@@ -69,6 +69,7 @@ class Judge {
   struct WithoutOne {
     Fit without;
     Members others;  // members of it, with the moments of the fit that has the member
+    Members beside;  // the other members of the fit that has the member
     std::vector<Score> ranking;
     std::vector<std::pair<const Effect*, Fit>> refined;  // each with one of the ranking
   };
@@ -76,6 +77,7 @@ class Judge {
     WithoutOne look{.without = fitter_.refine(with(selection_.fit.members, nullptr, m))};
     look.ranking = ranked(fitter_, candidates_, look.without);
     const Members in_place = with(selection_.fit.members, nullptr, m);
+    look.beside = with(in_place, nullptr);
     look.others = with(look.without.members, nullptr);
     for (std::size_t i = 0; i < look.others.size(); ++i)
       if (has_key(*look.others[i], "time_s"))
@@ -90,6 +92,10 @@ class Judge {
     const auto until =
         s.effect->describe_shaft(shaft) ? Fitter::Until::kArrived : Fitter::Until::kComparable;
     Fit fit = fitter_.refine(with(look.others, s.effect), until);
+    // Another member may have taken over the part of the member, and not return.
+    const Fit beside = fitter_.linearised(with(look.beside, s.effect));
+    if (beside.valid && (!fit.valid || score_of(fitter_, beside) < score_of(fitter_, fit)))
+      fit = fitter_.refine(with(look.beside, s.effect), until);
     if (!fit.valid && slope_of(*s.effect)) fit = with_flat_drop(fit);
     look.refined.emplace_back(s.effect.get(), std::move(fit));
     return look.refined.back().second;
@@ -198,13 +204,18 @@ class Judge {
     s.held_out_gain = 1 - selection_.fit.rss_held_out / s.without.rss_held_out;
     s.parameters = static_cast<double>(parameters_of(*selection_.fit.members[m]));
     std::size_t tried = 0;
+    // Another member may have taken over a part, and leaves less to its own kind as well.
+    double own = 0;
+    for (const Score& other : look.ranking)
+      if (same_form(*other.effect, *selection_.fit.members[m])) own = std::max(own, other.gain);
+    own = own > 0 ? std::min(own, s.score_gain) : s.score_gain;
     for (const Score& other : look.ranking) {
-      if (tried >= (other.gain > kAsGood * s.score_gain ? kMostAsGood : kMostTried)) break;
+      if (tried >= (other.gain > kAsGood * own ? kMostAsGood : kMostTried)) break;
       if (other.effect->kind() == selection_.fit.members[m]->kind()) continue;
       ++tried;
       Alternative a{std::string(other.effect->kind()), other.gain, kNotRefined, "",
                     static_cast<double>(parameters_of(*other.effect))};
-      if (other.gain > 0.5 * s.score_gain) {
+      if (other.gain > 0.5 * own) {
         const Fit next = refined(look, other);
         a.score_gain = score_of(fitter_, s.without) - score_of(fitter_, next);
         a.held_out_gain = 1 - next.rss_held_out / s.without.rss_held_out;
