@@ -41,6 +41,7 @@ Record moved(const Record& record, double by) {
   Record out = record;
   for (double& theta_m : out.theta_m) theta_m += by;
   out.angle.centre = 0;
+  out.angle.moved += by;
   return out;
 }
 

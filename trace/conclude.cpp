@@ -99,6 +99,7 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
       estimate;  // size over the smallest, of a kind whose estimate was not confirmed
   const std::vector<Score> scores = score_all(fitter, fit, dictionary.whitened);
   const DriveFacts& facts = fitter.chain().equations().facts();
+  const double moved = fitter.chain().equations().record().angle.moved;
   for (std::size_t i = 0; i < scores.size(); ++i) {
     const std::string kind(dictionary.whitened[i].effect->kind());
     const double sigma =
@@ -119,7 +120,10 @@ void identifiability(const Fitter& fitter, const Dictionary& dictionary, const F
   };
   for (const auto& [kind, sigma] : best) {
     if (make_effect(kind)->tracing().regressor_count() == 0) continue;
-    if (const auto noise = refused_as_noise(kind); noise != r.refused.end()) {
+    if (moved != 0 && kind == make_of(Traits::Family::kAngleSensor)->kind()) {
+      r.not_identifiable.emplace_back(
+          kind, fmt::format("theta_m was moved by {:.2g} rad: rounding looks the same", moved));
+    } else if (const auto noise = refused_as_noise(kind); noise != r.refused.end()) {
       r.not_identifiable.emplace_back(kind, noise->text);
     } else if (estimate.count(kind)) {
       r.not_identifiable.emplace_back(

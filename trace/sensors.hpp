@@ -15,6 +15,7 @@ namespace twinrate {
 struct Sensor {
   double lsb = 0;     // step between readings; 0: none that matters
   double centre = 0;  // of a cell, relative to its reading
+  double moved = 0;   // added to the readings, whose zero within a step is not known
 
   int counts() const;  // a turn, of an angle; 0: no steps
 };
