@@ -27,8 +27,8 @@
 //
 // A drop that bends where a current changes its sign (dead time, switches) is its mean along the
 // path of this mean current, whose parts are straight in stator axes
-// (trace/record_contributions.hpp). The ripple that such a drop makes is in the path; the noise of the
-// readings is smoothed.
+// (trace/record_contributions.hpp). The ripple that such a drop makes is in the path; the noise of
+// the readings is smoothed.
 //
 // A load that is set and held for T is taken at T/2 before its row; a measured load at its row.
 //

@@ -17,11 +17,12 @@
 //
 // If currents change by less than their step a row, v is lost in noise. Then both repeat by chance
 // in n_x n_y/n of n rows, if each repeats in n_x and n_y rows (n_x n_y n_z/n^2 with three sensors).
-// This number is multiplied by 1/sqrt(det R), R the correlations of the steps' noise: the density of
-// correlated steps at zero over that of independent ones. Three currents that add up to nearly zero
-// repeat together often. Or it is multiplied by the factor with which they repeat the row before the
-// last together (bursts), whichever is the larger. Repetitions beyond it are held rows. (If the noise is smaller than the steps of the converter, both currents repeat as long as
-// neither is near an edge. Then no share is reported.)
+// This number is multiplied by the larger of two factors. 1/sqrt(det R), R the correlations of the
+// steps' noise, is the density of correlated steps at zero over that of independent ones: three
+// currents that add up to nearly zero repeat together often. The other is the factor with which they
+// repeat the row before the last together (bursts). Repetitions beyond it are held rows. (If the
+// noise is smaller than the steps of the converter, both currents repeat as long as neither is near
+// an edge. Then no share is reported.)
 #pragma once
 #include <cstddef>
 #include <vector>
