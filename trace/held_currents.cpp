@@ -7,6 +7,7 @@ namespace {
 
 constexpr double kSure = 4.5;    // sigmas that a claim needs: the scatter has long tails
 constexpr double kOneWay = 3.5;  // sigmas of a preferred side that rule out a claim
+constexpr double kFewSteps = 2;  // steps of the converter
 constexpr std::size_t kSide = 3;
 static_assert(kSide + 1 <= kStaleReach);
 
@@ -28,6 +29,7 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
   };
   pair.repeated = same(k - 1);
   pair.over_one = same(k - 2);
+  pair.here = row(k);
   pair.step = row(k) - row(k - 1);
   // Least squares of a parabola about the middle of the two rows: its slope and its value there.
   constexpr double kSlope[kSide] = {1.5 / 41.5, 2.5 / 41.5, 3.5 / 41.5};
@@ -51,15 +53,18 @@ void HeldCurrents::add(const CurrentPair& pair, bool turning) {
   if (seen_ - few_.begin > 2 * kFew) few_ = {.begin = seen_};
   if (!pair.known) return;
   third_ |= pair.third;
-  squares_ += pair.way.squaredNorm();
-  const auto [x, y, z] = pair.repeated;
-  const Vec2 behind = -pair.ahead.cwiseProduct(pair.way);
-  if (pair.repeats()) together_.add(behind.sum());
-  if (x && !y) x_alone_.add(behind[0]);
-  if (y && !x) y_alone_.add(behind[1]);
   for (double step : pair.step.cwiseAbs())
     if (step > kSameCurrent) least_step_ = std::min(least_step_, step);
-  if (!turning || pair.way.norm() > least_step_) return;
+  if (pair.way.norm() > least_step_) {
+    const auto [x, y, z] = pair.repeated;
+    const Vec2 behind = -pair.ahead.cwiseProduct(pair.way);
+    squares_ += pair.way.squaredNorm();
+    if (pair.repeats()) together_.add(behind.sum());
+    if (x && !y) x_alone_.add(behind[0]);
+    if (y && !x) y_alone_.add(behind[1]);
+    return;
+  }
+  if (!turning || pair.here.norm() < kFewSteps * least_step_) return;
   ++few_.rows;
   few_.next.add(pair.repeated, third_);
   few_.over_one.add(pair.over_one, third_);

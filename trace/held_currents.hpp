@@ -6,7 +6,8 @@
 // behind the line through the rows around as the other is ahead of it. So e = i_{k-1} + i_k less
 // twice the line between them has the mean 0. If k is held, i_{k-1} is right and e = -v. The share
 // of held rows is therefore
-//   -sum(e v) over the rows that repeat / sum(v^2) over all rows
+//   -sum(e v) over the rows that repeat / sum(v^2) over all rows,
+// of the rows with v of more than one step,
 // and its sigma comes from the scatter of e v. A third sensor must repeat with them.
 //
 // Time is not symmetric if a current leaps and decays, as at each count of a coarse encoder: a row
@@ -22,7 +23,8 @@
 // currents that add up to nearly zero repeat together often. The other is the factor with which they
 // repeat the row before the last together (bursts). Repetitions beyond it are held rows. (If the
 // noise is smaller than the steps of the converter, both currents repeat as long as neither is near
-// an edge. Then no share is reported.)
+// an edge. Then no share is reported. A current of less than two steps repeats while it is near
+// zero: such rows do not count.)
 #pragma once
 #include <cstddef>
 #include <vector>
@@ -45,6 +47,7 @@ struct CurrentPair {
   bool known = false;           // these rows exist, without a gap
   bool third = false;           // the three phases do not add up to 0: each has a sensor
   Repeated repeated, over_one;  // row k against row k-1, against row k-2
+  Vec2 here = Vec2::Zero();     // A, row k
   Vec2 step = Vec2::Zero();     // A, from row k-1 to row k
   Vec2 way = Vec2::Zero();      // A a row, slope of the line
   Vec2 ahead = Vec2::Zero();    // A, sum of the two rows less twice the line (e above)

@@ -250,6 +250,55 @@ TEST(Health, ThreeCurrentsThatAddUpToZeroRepeatTogetherByChance) {
   EXPECT_NEAR(held_share(currents_that_add_up(0, 20000, 50)), 0.02, 0.004);
 }
 
+// Three currents of `peak` (t) at the electrical angle 3 theta_m, read with steps of lsb_A.
+template <class Peak>
+RawLog coarse_phases(double T_s, double turn_rad, double noise_A, double lsb_A, Peak peak) {
+  RawLog raw;
+  raw.path = "coarse";
+  for (std::size_t k = 0; k < 30000; ++k) {
+    raw.t.push_back(T_s * static_cast<double>(k));
+    raw.theta_m.push_back(turn_rad * static_cast<double>(k));
+    const double i = peak(k, raw.theta_m[k]);
+    const auto read = [&](std::uint64_t stream, double angle) {
+      const double noise = noise_A * normal(15, stream, k);
+      return lsb_A * std::round((i * std::cos(3 * raw.theta_m[k] + angle) + noise) / lsb_A);
+    };
+    raw.i_a.push_back(read(1, 0));
+    raw.i_b.push_back(read(2, -2.0944));
+    raw.i_c.push_back(read(3, 2.0944));
+    raw.v_dc.push_back(235.4 + 0.2 * normal(15, 4, k));
+  }
+  return raw;
+}
+double held_share(const RawLog& raw) {
+  Health health;
+  make_record(raw, 3, health);
+  return health.held_share;
+}
+
+// Where the currents change by less than a step a row, their slope is that of the steps: one that
+// leaps and decays seems to be held in half of the rows.
+TEST(Health, CurrentsOfFewStepsThatLeapAreNotHeld) {
+  for (double leap_A : {0.05, 0.1, 0.2}) {
+    double i = 0;
+    const RawLog raw = coarse_phases(1e-4, 0.0011, 0.002, 0.05, [&](std::size_t k, double) {
+      i = 0.85 * i + (k % 11 == 0 ? leap_A : 0);
+      return i + 0.3;
+    });
+    EXPECT_EQ(held_share(raw), 0) << leap_A;
+  }
+}
+
+// A load once a turn: for half of it, all currents are below half a step.
+TEST(Health, CurrentsThatFadeBelowAStepAreNotHeld) {
+  for (double peak_A : {0.2, 0.8}) {
+    const auto peak = [&](std::size_t, double theta_m) {
+      return peak_A * (1 + std::cos(theta_m)) / 2;
+    };
+    EXPECT_EQ(held_share(coarse_phases(5e-3, 0.6, 0.02, 0.15, peak)), 0) << peak_A;
+  }
+}
+
 // A controller that sees the counts of a coarse encoder makes the currents leap at each and decay.
 // `sensors` of the three phases.
 RawLog leaping_currents(int sensors) {
