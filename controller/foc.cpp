@@ -1,18 +1,20 @@
 #include "controller/foc.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <utility>
 
 #include "model/effects/undo.hpp"
+#include "model/pair.hpp"
 
 namespace twinrate {
 namespace {
 
-// One number at a time: an assignment loads both together, and would wait for two stores that made
-// them just before.
+// Two loads and one store. An assignment loads both numbers together, which waits for two stores
+// that made them just before. One store spares the next assignment this wait.
 void set(Vec2& to, const Vec2& from) {
-  to[0] = from[0];
-  to[1] = from[1];
+  const Pair both = {from[0], from[1]};
+  std::memcpy(to.data(), &both, sizeof both);
 }
 
 }  // namespace

@@ -55,6 +55,8 @@ inline Vec2 inverse_park(const Vec2& dq, double theta_e) {
 
 // Into [0, 2 pi), Dilys (18).
 inline double wrap_turn(double angle_rad) {
+  // Spares the division where nothing is to be wrapped. + 0.0: -0 becomes 0, as below.
+  if (angle_rad >= 0 && angle_rad < kTwoPi) return angle_rad + 0.0;
   const double wrapped = angle_rad - kTwoPi * std::floor(angle_rad / kTwoPi);
   return wrapped >= kTwoPi ? 0.0 : wrapped;  // NaN stays NaN
 }

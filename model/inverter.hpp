@@ -36,6 +36,7 @@ inline void svpwm(const Vec2& u_alphabeta_ref, double v_dc, InverterOutput& out)
   // The limit is the hexagon, on which the largest line-to-line voltage equals v_dc.
   if (out.limited) u_abc *= v_dc / span;
   const double zero_sequence = -0.5 * (u_abc.maxCoeff() + u_abc.minCoeff());
+#pragma GCC unroll 3
   for (int phase = 0; phase < 3; ++phase) {
     const double duty = 0.5 + (u_abc[phase] + zero_sequence) / v_dc;
     out.duty_abc[phase] = duty < 0 ? 0 : duty > 1 ? 1 : duty;

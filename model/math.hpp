@@ -26,6 +26,7 @@
 #include <type_traits>
 
 #include "model/four.hpp"
+#include "model/pair.hpp"
 
 namespace twinrate::math {
 
@@ -79,6 +80,12 @@ template <class T>
   const T one_less = 1.0 - half;
   const T cos_r = one_less + (((1.0 - one_less) - half) + (z * q - r * tail));
   const auto odd = (turns.k & 1) != 0;
+  if constexpr (std::is_same_v<T, double>) {  // both in the register that holds their signs, too
+    const Pair both = odd ? Pair{cos_r, sin_r} : Pair{sin_r, cos_r};
+    const PairBits signs = {(turns.k & 2) << 62, ((turns.k + 1) & 2) << 62};
+    const Pair result = __builtin_bit_cast(Pair, __builtin_bit_cast(PairBits, both) ^ signs);
+    return {result[0], result[1]};
+  }
   const T s = odd ? cos_r : sin_r, c = odd ? sin_r : cos_r;
   return {__builtin_bit_cast(T, __builtin_bit_cast(BitsOf<T>, s) ^ ((turns.k & 2) << 62)),
           __builtin_bit_cast(T, __builtin_bit_cast(BitsOf<T>, c) ^ (((turns.k + 1) & 2) << 62))};

@@ -5,6 +5,7 @@
 namespace twinrate {
 
 using Pair [[gnu::vector_size(16)]] = double;
+using PairBits [[gnu::vector_size(16)]] = unsigned long long;
 
 inline Pair swapped(const Pair& x) {
   return Pair{x[1], x[0]};

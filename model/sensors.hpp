@@ -37,6 +37,7 @@ class CurrentSensors {
         i_meas[phase] += p_.i_noise_rms * noise[static_cast<std::size_t>(phase)];
     }
     if (p_.i_lsb > 0)
+#pragma GCC unroll 3
       for (int phase = 0; phase < 3; ++phase)
         i_meas[phase] = math::round(i_meas[phase] / p_.i_lsb) * p_.i_lsb;
     if (p_.current_sensors == 2) i_meas[2] = -(i_meas[0] + i_meas[1]);

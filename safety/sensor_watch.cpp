@@ -14,6 +14,8 @@ constexpr double kStuckTurn = 2;  // rad: a sine moves by half its amplitude at 
 
 // Into (-pi, pi].
 double wrapped(double angle) {
+  // Spares the division where nothing is to be wrapped. + 0.0: -0 becomes 0, as below.
+  if (std::abs(angle) < kPi) return angle + 0.0;
   return angle - 2 * kPi * std::ceil(angle / (2 * kPi) - 0.5);
 }
 

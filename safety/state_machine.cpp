@@ -113,9 +113,12 @@ void SafetyMachine::derate(const SafetyInput& in) {
 
 [[gnu::flatten]] void SafetyMachine::step(const SafetyInput& in) {
   event_count_ = 0;
-  last_ = in;
-  if (in.reset) leave_safe();
-  if (is_off()) return;
+  if (in.reset) last_ = in, leave_safe();
+  if (!is_off()) step_on(in);
+  last_ = in;  // at the end: a copy waits for the last writes
+}
+
+void SafetyMachine::step_on(const SafetyInput& in) {
   count(in);
   if (in.clamped && since_clamped_s_ >= kClampPause_s)
     add_event({Reason::kVoltageClamped, state_, state_});

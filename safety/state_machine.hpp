@@ -91,6 +91,7 @@ class SafetyMachine {
   void go_off(Fault fault, double value, double limit);
   void follow_command(const SafetyInput& in);
   void derate(const SafetyInput& in);
+  void step_on(const SafetyInput& in);  // of a drive that is not off
   void change_to(DriveState state, Reason reason, double value = 0, double limit = 0);
   void add_event(const SafetyEvent& event);
 

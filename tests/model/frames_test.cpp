@@ -3,6 +3,10 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include <bit>
+#include <cstdint>
+
+#include "model/random.hpp"
 #include "tests/support/angles.hpp"
 
 namespace twinrate {
@@ -105,6 +109,20 @@ TEST(WrapTurn, HoldsAtItsEdges) {
   EXPECT_LT(wrap_turn(-1e-20), kTwoPi);
   EXPECT_GE(wrap_turn(-1e-20), 0);
   EXPECT_LT(wrap_turn(std::nextafter(kTwoPi, 0)), kTwoPi);
+}
+
+// An angle inside the turn is returned without the division, with the bits that it would give.
+TEST(WrapTurn, InsideTheTurnGivesTheBitsOfTheDivision) {
+  const auto by_division = [](double angle) { return angle - kTwoPi * std::floor(angle / kTwoPi); };
+  for (const double angle :
+       {0.0, -0.0, 1e-300, kPi, std::nextafter(kTwoPi, 0), 4.9406564584124654e-324})
+    EXPECT_EQ(std::bit_cast<std::uint64_t>(wrap_turn(angle)),
+              std::bit_cast<std::uint64_t>(by_division(angle)))
+        << angle;
+  for (std::uint64_t k = 0; k < 10000; ++k) {
+    const double angle = kTwoPi * uniform(1, 0, k);
+    ASSERT_EQ(wrap_turn(angle), by_division(angle)) << angle;
+  }
 }
 
 TEST(WrapPi, KeepsPlusPiAndTurnsMinusPiIntoIt) {
