@@ -17,6 +17,7 @@ constexpr std::size_t kFewest = 24;
 constexpr double kOnGrid = 0.95;  // of 1, mean of the unit vectors of readings over the step
 constexpr double kBends = 0.1;    // share of the moving rows whose step differs from the last one
 constexpr std::size_t kFewestBends = 10, kMostBends = 1000;
+constexpr std::size_t kWindow = 64, kFewestWindows = 10;
 
 std::complex<double> mean_phase(const std::vector<double>& readings, double step) {
   std::complex<double> sum = 0;
@@ -46,6 +47,15 @@ bool slips_by_steps(const std::vector<double>& bends, double step, double mean_w
              static_cast<std::ptrdiff_t>(kFewestBends);
 }
 
+// Windows with a mean way that is no whole number of steps. Without counts their readings would lie
+// between the steps.
+bool moves_by_parts(const std::vector<double>& mean_ways, double step) {
+  constexpr double kWhole = 0.1;  // of a step: six lost rows of a window
+  return std::count_if(mean_ways.begin(), mean_ways.end(), [step](double way) {
+           return std::abs(std::remainder(way, step)) > kWhole * step;
+         }) >= static_cast<std::ptrdiff_t>(kFewestWindows);
+}
+
 }  // namespace
 
 int Sensor::counts() const {
@@ -61,6 +71,11 @@ void AngleSteps::add(double theta_m) {
       ++bends_;
       if (first_bends_.size() < kMostBends) first_bends_.push_back(bend);
     }
+  }
+  if (last_) way_of_window_ += std::remainder(theta_m - *last_, kTwoPi);
+  if (++rows_of_window_ == kWindow) {
+    mean_ways_.push_back(way_of_window_ / static_cast<double>(kWindow));
+    way_of_window_ = 0, rows_of_window_ = 0;
   }
   before_ = last_;
   last_ = theta_m;
@@ -107,7 +122,7 @@ Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   // A rotor at the speed of a clock has equal steps from row to row, even without counts; with counts a step
   // sometimes differs by a few of them. A deviation by a whole row's step is a repeated row.
   const double moves = static_cast<double>(moves_);
-  if (static_cast<double>(bends_) < kBends * moves &&
+  if (static_cast<double>(bends_) < kBends * moves && !moves_by_parts(mean_ways_, step) &&
       (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves)))
     return {};
   return counter(step, phase);

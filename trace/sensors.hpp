@@ -23,8 +23,8 @@ struct Sensor {
 // The steps of an angle, in rad, from its readings in the order of time. Encoders of 2^18 counts
 // and more have no steps that matter: half a count is 12 urad there. `declared`: counts a turn of
 // the drive file, 0 if it has none. A step that the readings show has priority. If the rotor turns
-// by about one count a row, the steps look like those of a clock and are not detected. Readings on
-// the grid of the declared encoder are then taken as its counts.
+// by about one count a row all the time, the steps look like those of a clock and are not detected.
+// Readings on the grid of the declared encoder are then taken as its counts.
 class AngleSteps {
  public:
   explicit AngleSteps(int declared = 0) : declared_(declared) {}
@@ -40,7 +40,10 @@ class AngleSteps {
   std::optional<double> last_, before_;
   std::size_t moves_ = 0, bends_ = 0;  // rows
   double way_ = 0;                     // rad, of all rows that move
-  std::vector<double> first_bends_;    // rad
+  std::vector<double> mean_ways_;      // rad a row, of windows
+  double way_of_window_ = 0;           // rad
+  std::size_t rows_of_window_ = 0;
+  std::vector<double> first_bends_;  // rad
 };
 
 }  // namespace twinrate

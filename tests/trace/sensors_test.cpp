@@ -94,6 +94,21 @@ TEST(AngleSteps, AreFoundWhereAClockSlipsByOneNowAndThen) {
   EXPECT_EQ(uneven.sensor().lsb, 0);
 }
 
+// It starts slowly, and then turns by a count a row. In the start the readings keep to the counts,
+// where those of a clock would lie between them.
+TEST(AngleSteps, AreFoundWhereTheRotorStartsAndThenTurnsByACountEachRow) {
+  const double lsb = kTwoPi / 512;
+  AngleSteps counter, exact;
+  double angle = 0;
+  for (double k = 0; k < 10 * kRows; ++k) {
+    angle += 0.996 * std::min(1.0, k / kRows) * lsb;
+    counter.add(std::fmod(lsb * std::floor(angle / lsb), kTwoPi));
+    exact.add(std::fmod(angle, kTwoPi));
+  }
+  EXPECT_EQ(counter.sensor().counts(), 512);
+  EXPECT_EQ(exact.sensor().lsb, 0);
+}
+
 // Drawn errors against those of an encoder on the motion `speed` swings, at most so many counts a row.
 struct Drawn {
   double size = 0, correlation = 0, true_lag = 0,
