@@ -47,13 +47,18 @@ bool slips_by_steps(const std::vector<double>& bends, double step, double mean_w
              static_cast<std::ptrdiff_t>(kFewestBends);
 }
 
-// Windows with a mean way that is no whole number of steps. Without counts their readings would lie
-// between the steps.
-bool moves_by_parts(const std::vector<double>& mean_ways, double step) {
-  constexpr double kWhole = 0.1;  // of a step: six lost rows of a window
-  return std::count_if(mean_ways.begin(), mean_ways.end(), [step](double way) {
-           return std::abs(std::remainder(way, step)) > kWhole * step;
-         }) >= static_cast<std::ptrdiff_t>(kFewestWindows);
+// True if every window's way is a whole number of steps, but in some the mean way of a row is not.
+// Without counts their readings would lie between the steps.
+bool moves_by_parts(const std::vector<double>& ways, double step) {
+  constexpr double kWhole = 0.1;  // of a row's way, a step at least: six lost rows of a window
+  const auto whole = [step](double way) { return std::abs(std::remainder(way, step)) < 2 * kSame; };
+  const auto by_part = [step](double way) {
+    const double of_row = way / static_cast<double>(kWindow);
+    return std::abs(std::remainder(of_row, step)) > kWhole * std::max(step, std::abs(of_row));
+  };
+  return std::all_of(ways.begin(), ways.end(), whole) &&
+         std::count_if(ways.begin(), ways.end(), by_part) >=
+             static_cast<std::ptrdiff_t>(kFewestWindows);
 }
 
 }  // namespace
@@ -74,7 +79,7 @@ void AngleSteps::add(double theta_m) {
   }
   if (last_) way_of_window_ += std::remainder(theta_m - *last_, kTwoPi);
   if (++rows_of_window_ == kWindow) {
-    mean_ways_.push_back(way_of_window_ / static_cast<double>(kWindow));
+    ways_.push_back(way_of_window_);
     way_of_window_ = 0, rows_of_window_ = 0;
   }
   before_ = last_;
@@ -122,7 +127,7 @@ Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   // A rotor at the speed of a clock has equal steps from row to row, even without counts; with counts a step
   // sometimes differs by a few of them. A deviation by a whole row's step is a repeated row.
   const double moves = static_cast<double>(moves_);
-  if (static_cast<double>(bends_) < kBends * moves && !moves_by_parts(mean_ways_, step) &&
+  if (static_cast<double>(bends_) < kBends * moves && !moves_by_parts(ways_, step) &&
       (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves)))
     return {};
   return counter(step, phase);
