@@ -10,6 +10,7 @@
 #include "model/effects/catalogue.hpp"
 #include "model/effects/losses.hpp"
 #include "trace/correction.hpp"
+#include "trace/doubts.hpp"
 #include "trace/effect_view.hpp"
 #include "trace/errors.hpp"
 #include "trace/evidence.hpp"
@@ -19,7 +20,6 @@
 #include "trace/residual_structure.hpp"
 #include "trace/sampler.hpp"
 #include "trace/split_equivalents.hpp"
-#include "trace/torque_over_sensors.hpp"
 #include "trace/verdict.hpp"
 
 namespace twinrate {
@@ -274,10 +274,6 @@ std::string what_the_model_lacks(const TraceResult& r) {
   return text + fall_of(r, lacking.size() == 1, !too_much.empty());
 }
 
-constexpr const char* kLongerRun =
-    "Record a longer run with several speeds in both directions, load and i_d "
-    "(twinrate trace --plan proposes one).";
-
 std::string sentence(const TraceResult& r) {
   if (r.verdict == "nothing_missing")
     return fmt::format("{} below {:.0f} Hz.", nothing_in_words(r),
@@ -286,91 +282,6 @@ std::string sentence(const TraceResult& r) {
   if (!r.effects.empty()) return text + what_the_model_lacks(r) + ".";
   if (r.verdict == "ambiguous") return text + kLongerRun;
   return text.substr(0, text.size() - 1);
-}
-
-// The equation whose residual clearly exceeds the noise of the sensors; empty: none. The noise of an angle makes a
-// torque that grows with the square of the frequency and hides a slow one, so the torque is compared after the filter
-// that whitens the drawn noise. Of 299 drawn logs with nothing missing 13 exceed the limit; of 14 with a visible
-// effect and no claim five do.
-std::string more_than_noise(const Fitter& fitter, const Fit& fit) {
-  constexpr double kOverNoise = 1.25, kOverDrawnNoise = 1.6;
-  const DriveFacts& facts = fitter.chain().equations().facts();
-  const Sampled left = fitter.chain().residual(fit.effects());
-  const auto rms = [](double square, const Eigen::VectorXd& of) {
-    return std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(1, of.size())));
-  };
-  const double torque = rms(left.torque.squaredNorm(), left.torque),
-               over = torque_over_sensors(fitter.chain(), left, left.noise_torque);
-  if (torque > least_torque(facts) && over > kOverDrawnNoise) return torque_in_words(torque, over);
-  const double square = left.d.squaredNorm() + left.q.squaredNorm(),
-               noise = left.noise_d.squaredNorm() + left.noise_q.squaredNorm();
-  if (!(noise > 0) || rms(square, left.d) < least_voltage(facts) ||
-      square < kOverNoise * kOverNoise * noise)
-    return "";
-  return fmt::format(
-      "the residual of the voltage equation is {:.3g} V, {:.3g} times the noise floor",
-      rms(square, left.d), std::sqrt(square / noise));
-}
-
-// "Nothing missing" needs a record that can show enough kinds, a residual at the noise floor, and
-// no structure that the judging rows leave unconfirmed.
-void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unconfirmed,
-                   TraceResult& r) {
-  const std::size_t told = r.identifiable.size(), all = told + r.not_identifiable.size();
-  if (4 * told < all) {
-    r.verdict = "ambiguous";
-    r.sentence =
-        fmt::format("Cannot tell: of {} kinds of effects {} identifiable in this record. {}", all,
-                    told == 0   ? "none is"
-                    : told == 1 ? fmt::format("only {} is", r.identifiable[0])
-                                : fmt::format("only {} are", fmt::join(r.identifiable, ", ")),
-                    kLongerRun);
-    std::vector<std::string> blind;
-    for (const auto& [kind, why] : r.not_identifiable) blind.push_back(kind);
-    r.ambiguous.push_back({blind, "this record does not excite them",
-                           "a run that varies speed, load and i_d independently (twinrate trace "
-                           "--plan proposes one)"});
-    return;
-  }
-  const std::string left = more_than_noise(fitter, fit);
-  const std::string why =
-      left.empty() ? unconfirmed
-                   : left + (r.excluded.empty() ? ", and this record does not show the cause"
-                                                : ", and no kind that is looked for explains it");
-  if (why.empty()) return;
-  r.verdict = "ambiguous";
-  r.sentence = fmt::format("Cannot tell: {}. {}", why, kLongerRun);
-}
-
-// On judging rows if there are any, by four standard deviations of a mean square over so many rows.
-bool beats_no_change(const EquationError& e) {
-  const double after = e.after.held_out > 0 ? e.after.held_out : e.after.train;
-  const double scatter = std::sqrt(2 / static_cast<double>(std::max<std::size_t>(1, e.rows)));
-  return e.no_change * e.no_change > (1 + Criterion{}.sigmas * scatter) * after * after;
-}
-
-// An effect from the samples lowers no error. Beside it the model must meet the conditions of
-// "nothing missing" and predict better than no change.
-void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
-  const auto& main = r.main_equation == "electrical" ? r.electrical : r.mechanical;
-  std::string why = more_than_noise(fitter, fit);
-  if (why.empty() && !main) why = "no row shows how well the model predicts";
-  if (why.empty() && !beats_no_change(*main))
-    why = fmt::format(
-        "over {:.3g} ms the model predicts no better than no change does (held-out error {:.3g} "
-        "against {:.3g} {})",
-        1e3 * r.horizon_s, main->after.held_out, main->no_change, main->unit);
-  if (!why.empty()) {
-    r.verdict = "ambiguous";
-    r.sentence = fmt::format(
-        "Cannot tell whether the model lacks more effects than the samples show: {}. {}", why,
-        r.sentence);
-  } else if (const Refused* refused = refusal_to_tell(r)) {
-    r.verdict = "ambiguous";
-    r.sentence = fmt::format(
-        "Cannot tell whether the model lacks more effects than the samples show: {}. {}",
-        refusal_in_words(*refused), r.sentence);
-  }
 }
 
 // Effects and stop-gaps that passed, with the parameters of the last fit.
@@ -487,6 +398,7 @@ TraceResult conclude(const Conclusion& c) {
   if (r.verdict == "traced" &&
       std::all_of(r.effects.begin(), r.effects.end(), [](const auto& e) { return e.from_samples; }))
     doubt_samples_alone(c.last, c.fitted, r);
+  if (r.verdict == "traced") doubt_unconfirmed(c.selection.refused, r);
   // A finding that was refused rules out "nothing missing".
   if (r.verdict == "nothing_missing" && refusal_to_tell(r)) {
     r.verdict = "ambiguous";

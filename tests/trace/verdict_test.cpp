@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "trace/doubts.hpp"
+
 namespace twinrate {
 namespace {
 
@@ -39,6 +41,25 @@ TEST(Verdict, ARefusedClaimBesideAStructureIsUnexplained) {
 TEST(Verdict, AClaimRefusedForItsSizeLeavesNoDoubt) {
   EXPECT_EQ(with_refused("size", false).verdict, "nothing_missing");
   EXPECT_EQ(refusal_to_tell(with_refused("size", false)), nullptr);
+}
+
+// What explains much of the fitted rows and is not confirmed has no name: a claim may be part of it.
+TEST(Verdict, ALargeCandidateThatIsNotConfirmedLeavesADoubt) {
+  const auto beside = [](const char* kind, double score_gain) {
+    TraceResult r;
+    r.verdict = "traced";
+    r.sentence = "The model lacks viscous_friction.";
+    doubt_unconfirmed({{kind, score_gain, 0, "fails after refinement or on the hold-out"}}, r);
+    return r;
+  };
+  EXPECT_EQ(beside("flux_harmonics", 1461).verdict, "ambiguous");
+  EXPECT_EQ(beside("flux_harmonics", 1461).sentence,
+            "Cannot tell whether the model lacks more: flux_harmonics explains more of the rows of "
+            "the fit (BIC -1461), and the held-out rows do not confirm it. The model lacks "
+            "viscous_friction.");
+  EXPECT_EQ(beside("flux_harmonics", 700).verdict, "traced");
+  // The score of a shaft before its fit is a guess.
+  EXPECT_EQ(beside("torsion", 5000).verdict, "traced");
 }
 
 }  // namespace

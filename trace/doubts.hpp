@@ -1,0 +1,28 @@
+// The reasons why a result says less than its fit: the residual, the rows or another candidate
+// leaves a doubt. Each changes the verdict to `ambiguous` and the sentence to the reason.
+#pragma once
+#include <string>
+#include <vector>
+
+#include "trace/fit.hpp"
+#include "trace/result.hpp"
+#include "trace/selection.hpp"
+
+namespace twinrate {
+
+inline constexpr const char* kLongerRun =
+    "Record a longer run with several speeds in both directions, load and i_d "
+    "(twinrate trace --plan proposes one).";
+
+// "Nothing missing" needs a record that can show enough kinds, a residual at the noise floor, and
+// no structure that the judging rows leave unconfirmed.
+void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unconfirmed,
+                   TraceResult& r);
+// An effect from the samples lowers no error. Beside it the model must meet the conditions of
+// "nothing missing" and predict better than no change.
+void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
+// A candidate that explains much of the fitted rows, and that held-out rows do not confirm, is a
+// structure without a name: a claim may stand for a part of it.
+void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
+
+}  // namespace twinrate
