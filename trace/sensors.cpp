@@ -47,18 +47,15 @@ bool slips_by_steps(const std::vector<double>& bends, double step, double mean_w
              static_cast<std::ptrdiff_t>(kFewestBends);
 }
 
-// True if every window's way is a whole number of steps, but in some the mean way of a row is not.
-// Without counts their readings would lie between the steps.
+// True if the mean way of a row is no whole number of steps in some windows. Without counts their
+// readings would lie between the steps.
 bool moves_by_parts(const std::vector<double>& ways, double step) {
   constexpr double kWhole = 0.1;  // of a row's way, a step at least: six lost rows of a window
-  const auto whole = [step](double way) { return std::abs(std::remainder(way, step)) < 2 * kSame; };
-  const auto by_part = [step](double way) {
-    const double of_row = way / static_cast<double>(kWindow);
-    return std::abs(std::remainder(of_row, step)) > kWhole * std::max(step, std::abs(of_row));
-  };
-  return std::all_of(ways.begin(), ways.end(), whole) &&
-         std::count_if(ways.begin(), ways.end(), by_part) >=
-             static_cast<std::ptrdiff_t>(kFewestWindows);
+  return std::count_if(ways.begin(), ways.end(), [step](double way) {
+           const double of_row = way / static_cast<double>(kWindow);
+           return std::abs(std::remainder(of_row, step)) >
+                  kWhole * std::max(step, std::abs(of_row));
+         }) >= static_cast<std::ptrdiff_t>(kFewestWindows);
 }
 
 }  // namespace
