@@ -284,8 +284,10 @@ std::string sentence(const TraceResult& r) {
   return text.substr(0, text.size() - 1);
 }
 
-// Effects and stop-gaps that passed, with the parameters of the last fit.
-void add_members(const Conclusion& c, TraceResult& r) {
+// Effects and stop-gaps that passed, with the parameters of the last fit. Returns the structures of
+// the stop-gaps.
+std::vector<Structure> add_members(const Conclusion& c, TraceResult& r) {
+  std::vector<Structure> lines;
   const Fit& fit = c.selection.fit;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     const Selected& selected = c.selection.members[m];
@@ -293,7 +295,8 @@ void add_members(const Conclusion& c, TraceResult& r) {
     take_parameters(c.last, c.fitted, m, e);
     e.held_out_gain = c.passed.judgements[m].held_out_gain;
     if (is_placed(*fit.members[m], Traits::Place::kLine)) {
-      r.unexplained.push_back(line_structure(*c.fitted.members[m], selected));
+      lines.push_back(line_structure(*c.fitted.members[m], selected));
+      lines.back().doubt = doubt_of_line(*c.fitted.members[m], c.last.chain(), c.health.i_lsb);
       r.stop_gaps.push_back(std::move(e));
       continue;
     }
@@ -305,6 +308,7 @@ void add_members(const Conclusion& c, TraceResult& r) {
   for (const Alternative& a : c.selection.refused)
     r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain, a.why});
   r.refused = c.passed.refused;
+  return lines;
 }
 
 // A gap is only searched after a shaft without a gap was found.
@@ -352,7 +356,7 @@ TraceResult conclude(const Conclusion& c) {
   const Chain& chain = c.last.chain();
   const DriveFacts& facts = chain.equations().facts();
   const Considered& considered = chain.equations().considered();
-  add_members(c, r);
+  std::vector<Structure> lines = add_members(c, r);
   from_samples(facts, c.health, considered, r);
   from_bus(c.bus, r);
   compare_errors(chain, c.passed.fit.effects(), r);
@@ -360,16 +364,18 @@ TraceResult conclude(const Conclusion& c) {
   add_effect_views(chain, c.fitted, r);
   split_parts(facts, considered, r);
   std::string unconfirmed;
+  // Beside an effect from the samples or the bus, a structure in doubt is reported as well.
+  const auto tell = [&](Structure s) {
+    if (s.doubt.empty() || !r.effects.empty())
+      r.unexplained.push_back(std::move(s));
+    else
+      unconfirmed = fmt::format("{}, and {}", s.text, s.doubt);
+  };
+  for (Structure& s : lines) tell(std::move(s));
   const bool whole = c.selection.stopped_after == 0;  // else later effects are in the residual
   if (whole &&
       !c.health.coarse(facts.machine.i_rated))  // else the residual is the shape of the steps
-    for (Structure& s : residual_structure(c.last, c.fitted)) {
-      // Beside an effect from the samples or the bus, a structure in doubt is reported as well.
-      if (s.doubt.empty() || !r.effects.empty())
-        r.unexplained.push_back(std::move(s));
-      else
-        unconfirmed = fmt::format("{}, and {}", s.text, s.doubt);
-    }
+    for (Structure& s : residual_structure(c.last, c.fitted)) tell(std::move(s));
   name_aliases(chain.equations().record(), considered, c.dictionary, r);
   r.structured = !r.unexplained.empty();
   r.corrections = corrections_of(r);

@@ -8,6 +8,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "trace/gate.hpp"
+#include "trace/keys.hpp"
 #include "trace/residual_structure.hpp"
 #include "trace/torque_over_sensors.hpp"
 #include "trace/verdict.hpp"
@@ -113,6 +114,27 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
         x.kind, -x.score_gain, r.sentence);
     return;
   }
+}
+
+std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
+  constexpr double kSteady = 0.05;  // of the speed, distance of its quartiles: by design
+  const double f_Hz = get_key(line, "frequency_Hz");
+  std::vector<double> speeds;
+  for (const OperatingPoint& p : chain.equations().points()) speeds.push_back(p.omega_m);
+  if (f_Hz == 0 || speeds.empty()) return "";
+  std::sort(speeds.begin(), speeds.end());
+  const double lower = speeds[speeds.size() / 4], middle = speeds[speeds.size() / 2],
+               upper = speeds[speeds.size() * 3 / 4];
+  if (upper - lower > kSteady * std::abs(middle)) return "";
+  const MachineParameters& m = chain.equations().facts().machine;
+  const double half_count = chain.equations().record().angle.lsb / 2, half_step = i_lsb / 2,
+               most_Nm =
+                   m.J * std::pow(kTwoPi * f_Hz, 2) * half_count + m.torque_constant() * half_step;
+  if (get_key(line, "amplitude_Nm") > most_Nm) return "";
+  return fmt::format(
+      "errors of half a count and of half a step of the currents can make {:.3g} Nm at that "
+      "frequency, because the speed is constant",
+      most_Nm);
 }
 
 }  // namespace twinrate

@@ -25,4 +25,9 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
 // structure without a name: a claim may stand for a part of it.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
+// The reason why a torque in time may be an error of the sensors, empty if there is none. At constant
+// speed, the rounding of an angle or a current repeats after equal times. `i_lsb`: step of the
+// currents, A.
+std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb);
+
 }  // namespace twinrate

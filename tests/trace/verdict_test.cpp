@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/trace/fitted_drive.hpp"
 #include "trace/doubts.hpp"
 
 namespace twinrate {
@@ -60,6 +61,26 @@ TEST(Verdict, ALargeCandidateThatIsNotConfirmedLeavesADoubt) {
   EXPECT_EQ(beside("flux_harmonics", 700).verdict, "traced");
   // The score of a shaft before its fit is a guess.
   EXPECT_EQ(beside("torsion", 5000).verdict, "traced");
+}
+
+// At one speed the rounding of the angle repeats after equal times, like a torque in time. Half of
+// 4096 counts make J (2 pi f)^2 pi/4096 = 0.107 Nm at 20 Hz.
+TEST(Verdict, ATorqueInTimeAtOneSpeedMayBeTheRoundingOfTheAngle) {
+  const auto doubt = [](bool held, double f_Hz, double amplitude_Nm) {
+    RawLog raw = simulate_synthetic({.duration_s = 2, .held = held});
+    const double count = kTwoPi / 4096;
+    for (double& theta_m : raw.theta_m) theta_m = count * std::floor(theta_m / count);
+    const FittedDrive drive(raw, {});
+    const auto line =
+        effect_with("periodic_torque", {{"frequency_Hz", f_Hz}, {"amplitude_Nm", amplitude_Nm}});
+    return doubt_of_line(*line, drive.chain(), 0);
+  };
+  EXPECT_EQ(doubt(true, 20, 0.1),
+            "errors of half a count and of half a step of the currents can make 0.107 Nm at that "
+            "frequency, because the speed is constant");
+  EXPECT_EQ(doubt(true, 20, 0.12), "");
+  EXPECT_EQ(doubt(true, 10, 0.1), "") << "a quarter of it";
+  EXPECT_EQ(doubt(false, 20, 0.1), "") << "the speed varies";
 }
 
 }  // namespace
