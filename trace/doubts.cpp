@@ -100,8 +100,7 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r) {
 }
 
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) {
-  // By design: as much as each of two effects must gain to be added at once (trace/selection.cpp).
-  constexpr double kMuch = 800;
+  constexpr double kMuch = kTwoMissing * Fitter::kMargin;
   const auto is_linear = [](const std::string& kind) {
     return make_effect(kind)->tracing().regressor_count() > 0;
   };
@@ -109,9 +108,9 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
     if (x.score_gain < kMuch || !is_linear(x.kind)) continue;
     r.verdict = "ambiguous";
     r.sentence = fmt::format(
-        "Cannot tell whether the model lacks more: {} explains more of the rows of the fit (BIC "
-        "{:.0f}), and the held-out rows do not confirm it. {}",
-        x.kind, -x.score_gain, r.sentence);
+        "Cannot tell whether the model lacks more: {} would lower the BIC of the fitted rows by "
+        "{:.0f}, but its refinement or the held-out rows refused it. {}",
+        x.kind, x.score_gain, r.sentence);
     return;
   }
 }
@@ -132,8 +131,8 @@ std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) 
                    m.J * std::pow(kTwoPi * f_Hz, 2) * half_count + m.torque_constant() * half_step;
   if (get_key(line, "amplitude_Nm") > most_Nm) return "";
   return fmt::format(
-      "errors of half a count and of half a step of the currents can make {:.3g} Nm at that "
-      "frequency, because the speed is constant",
+      "at constant speed, rounding by half a count and half a step of the currents can make {:.3g} "
+      "Nm at that frequency",
       most_Nm);
 }
 

@@ -1,5 +1,6 @@
 // The reasons why a result says less than its fit: the residual, the rows or another candidate
-// leaves a doubt. Each changes the verdict to `ambiguous` and the sentence to the reason.
+// leaves a doubt. A function that takes the result changes its verdict to `ambiguous`, and its
+// sentence to the reason.
 #pragma once
 #include <string>
 #include <vector>
@@ -21,8 +22,9 @@ void doubt_nothing(const Fitter& fitter, const Fit& fit, const std::string& unco
 // An effect from the samples lowers no error. Beside it the model must meet the conditions of
 // "nothing missing" and predict better than no change.
 void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
-// A candidate that explains much of the fitted rows, and that held-out rows do not confirm, is a
-// structure without a name: a claim may stand for a part of it.
+// A candidate with a large score that was refused, by its refinement or by held-out rows, is a
+// structure without a name: a claim may be a part of it. Only of effects with linear columns: the
+// score of the others before their refinement is a guess.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
 // The reason why a torque in time may be an error of the sensors, empty if there is none. At constant

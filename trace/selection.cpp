@@ -18,7 +18,6 @@ constexpr std::size_t kMostMembers = 12;
 constexpr std::size_t kMostTried = 3;   // kinds refined at each step
 constexpr std::size_t kMostAsGood = 5;  // while none is acceptable, or if as good as the first
 constexpr double kAsGood = 0.98;        // share of the first gain that is as good
-constexpr double kTwoMissing = 20;      // margins that each of two must gain to be added at once
 constexpr double kNear = 0.85, kNearRough = 0.3;  // of the best gain: refined above it
 constexpr double kSameMoment_s = 1e-3;            // a step that moves by less stays
 constexpr double kWorseThanPlaced = 1.1;          // times the residual torque of the placed shaft

@@ -14,6 +14,7 @@ namespace twinrate {
 // Ratio of held-out errors above which a set is worse than another one that explains nearly the
 // same on the training blocks.
 inline constexpr double kWorseRatio = 1.2;
+inline constexpr double kTwoMissing = 20;  // margins that each of two must gain to be added at once
 inline constexpr const char* kExplainsLess = "explains less";  // or the same
 
 struct Alternative {

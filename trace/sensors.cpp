@@ -17,7 +17,7 @@ constexpr std::size_t kFewest = 24;
 constexpr double kOnGrid = 0.95;  // of 1, mean of the unit vectors of readings over the step
 constexpr double kBends = 0.1;    // share of the moving rows whose step differs from the last one
 constexpr std::size_t kFewestBends = 10, kMostBends = 1000;
-constexpr std::size_t kWindow = 64, kFewestWindows = 10;
+constexpr std::size_t kWindow = 64, kFewestWindows = 10, kMostWindows = 1 << 16;
 
 std::complex<double> mean_phase(const std::vector<double>& readings, double step) {
   std::complex<double> sum = 0;
@@ -76,7 +76,7 @@ void AngleSteps::add(double theta_m) {
   }
   if (last_) way_of_window_ += std::remainder(theta_m - *last_, kTwoPi);
   if (++rows_of_window_ == kWindow) {
-    ways_.push_back(way_of_window_);
+    if (ways_.size() < kMostWindows) ways_.push_back(way_of_window_);
     way_of_window_ = 0, rows_of_window_ = 0;
   }
   before_ = last_;

@@ -40,7 +40,7 @@ class AngleSteps {
   std::optional<double> last_, before_;
   std::size_t moves_ = 0, bends_ = 0;  // rows
   double way_ = 0;                     // rad, of all rows that move
-  std::vector<double> ways_;           // rad, of windows
+  std::vector<double> ways_;           // rad, of the first windows
   double way_of_window_ = 0;           // rad
   std::size_t rows_of_window_ = 0;
   std::vector<double> first_bends_;  // rad

@@ -55,9 +55,9 @@ TEST(Verdict, ALargeCandidateThatIsNotConfirmedLeavesADoubt) {
   };
   EXPECT_EQ(beside("flux_harmonics", 1461).verdict, "ambiguous");
   EXPECT_EQ(beside("flux_harmonics", 1461).sentence,
-            "Cannot tell whether the model lacks more: flux_harmonics explains more of the rows of "
-            "the fit (BIC -1461), and the held-out rows do not confirm it. The model lacks "
-            "viscous_friction.");
+            "Cannot tell whether the model lacks more: flux_harmonics would lower the BIC of the "
+            "fitted rows by 1461, but its refinement or the held-out rows refused it. The model "
+            "lacks viscous_friction.");
   EXPECT_EQ(beside("flux_harmonics", 700).verdict, "traced");
   // The score of a shaft before its fit is a guess.
   EXPECT_EQ(beside("torsion", 5000).verdict, "traced");
@@ -66,19 +66,20 @@ TEST(Verdict, ALargeCandidateThatIsNotConfirmedLeavesADoubt) {
 // At one speed the rounding of the angle repeats after equal times, like a torque in time. Half of
 // 4096 counts make J (2 pi f)^2 pi/4096 = 0.107 Nm at 20 Hz.
 TEST(Verdict, ATorqueInTimeAtOneSpeedMayBeTheRoundingOfTheAngle) {
-  const auto doubt = [](bool held, double f_Hz, double amplitude_Nm) {
+  const auto doubt = [](bool held, double f_Hz, double amplitude_Nm, double i_lsb = 0) {
     RawLog raw = simulate_synthetic({.duration_s = 2, .held = held});
     const double count = kTwoPi / 4096;
     for (double& theta_m : raw.theta_m) theta_m = count * std::floor(theta_m / count);
     const FittedDrive drive(raw, {});
     const auto line =
         effect_with("periodic_torque", {{"frequency_Hz", f_Hz}, {"amplitude_Nm", amplitude_Nm}});
-    return doubt_of_line(*line, drive.chain(), 0);
+    return doubt_of_line(*line, drive.chain(), i_lsb);
   };
   EXPECT_EQ(doubt(true, 20, 0.1),
-            "errors of half a count and of half a step of the currents can make 0.107 Nm at that "
-            "frequency, because the speed is constant");
-  EXPECT_EQ(doubt(true, 20, 0.12), "");
+            "at constant speed, rounding by half a count and half a step of the currents can make "
+            "0.107 Nm at that frequency");
+  EXPECT_EQ(doubt(true, 20, 0.11), "");
+  EXPECT_NE(doubt(true, 20, 0.11, 0.01), "") << "half of 10 mA makes 5.7 mNm";
   EXPECT_EQ(doubt(true, 10, 0.1), "") << "a quarter of it";
   EXPECT_EQ(doubt(false, 20, 0.1), "") << "the speed varies";
 }
