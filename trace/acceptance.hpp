@@ -30,13 +30,13 @@ bool plausible(const Effect& effect, const DriveFacts& facts);
 // impacts cannot be simulated. Only an overdamped shaft does.
 bool like_a_gap(const Fitter& fitter, const Fit& next, const Fit& now);
 
-// Share of the squared residual torque before whitening: a gap that leaves less is accepted.
+// Share of the energy of the residual torque: a gap that leaves less is accepted.
 inline constexpr double kGapErrorRatio = 0.75;
 
-// Residuals with a shaft: of the torque before whitening, as a squared norm and as a sum of the
-// norms of pieces, and of the held-out blocks, whitened.
+// Residuals with a shaft: of the torque in the noise of the sensors (placing.hpp), as an energy and
+// as a sum of the norms of pieces, and of the held-out blocks, whitened.
 struct LeftByShaft {
-  double plain = 0, pieces = 0, held_out = 0;
+  double energy = 0, pieces = 0, held_out = 0;
 };
 // True if a shaft with a gap replaces one without. `gain`: fall of the score by the shaft without a
 // gap; `more`: further fall by the gap.

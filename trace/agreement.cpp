@@ -97,17 +97,20 @@ double predicted_ratio(const Eigen::MatrixXd& A, const Eigen::VectorXd& one,
   return square > 0 ? predicts.dot(other) / square : 1;
 }
 
-MemberColumns member_columns(const Chain& chain, const Members& members) {
+MemberColumns member_columns(const Chain& chain, const Members& members, bool in_sensors) {
   MemberColumns out;
   const Effects all{members.begin(), members.end()};
   const Sampled residual = chain.residual(all);
-  out.declared = chain.whitened(residual);
+  const auto whitened = [&](const Sampled& x) {
+    return in_sensors ? chain.in_sensors(x) : chain.whitened(x);
+  };
+  out.declared = whitened(residual);
   std::vector<double> values;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Effect& effect = *members[m];
     const std::vector<double> c = sizes_of(effect);
     const auto take = [&](const Sampled& column, double value) {
-      out.x.push_back(chain.whitened(column));
+      out.x.push_back(whitened(column));
       out.member.push_back(m);
       values.push_back(value);
       add(out.declared, out.x.back(), value);
@@ -157,7 +160,7 @@ PartSums PartSums::operator+(const PartSums& other) const {
 }
 
 Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
-    : columns_(member_columns(whole, members)) {
+    : columns_(member_columns(whole, members, has_shaft(members))) {
   const std::size_t n = whole.equations().record().size();
   const auto part = [&](auto&& in) { return PartSums(columns_, Rows::where(whole.sampler(), in)); };
   for (std::size_t half : {0, 1})
@@ -167,10 +170,13 @@ Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
   for (std::size_t odd : {0, 1})
     turns_.push_back(part([&](std::size_t row) { return block[row] % 2 == odd; }));
   if (!half_rate) return;
-  half_columns_ = member_columns(*half_rate, members);
-  rates_ = {
-      halves_[0] + halves_[1],
-      PartSums(half_columns_, Rows::where(half_rate->sampler(), [](std::size_t) { return true; }))};
+  // A shaft is simulated from fewer rows there, which the sensors' filter would not forgive.
+  const auto whole_sums = [&](const Chain& chain) {
+    return PartSums(member_columns(chain, members, false),
+                    Rows::where(chain.sampler(), [](std::size_t) { return true; }));
+  };
+  rates_ = {has_shaft(members) ? whole_sums(whole) : halves_[0] + halves_[1],
+            whole_sums(*half_rate)};
 }
 
 Agreement Parts::of(std::size_t member, double sigmas) const {

@@ -17,7 +17,8 @@ struct MemberColumns {
   Eigen::VectorXd value;  // in the fit
   Sampled declared;       // residual with all coefficients 0
 };
-MemberColumns member_columns(const Chain& chain, const Members& members);
+// `in_sensors`: whitened by Chain::in_sensors.
+MemberColumns member_columns(const Chain& chain, const Members& members, bool in_sensors);
 
 // Sums of products over the rows of a part: columns with columns, and columns with the residual of
 // the declared model. No noise is subtracted.
@@ -67,7 +68,7 @@ class Parts {
   Agreement of(std::size_t member, double sigmas) const;
 
  private:
-  MemberColumns columns_, half_columns_;
+  MemberColumns columns_;
   std::vector<PartSums> halves_, turns_, rates_;
 };
 

@@ -117,6 +117,10 @@ double mean_log_ratio(const Eigen::VectorXd& a, const Eigen::VectorXd& b,
 
 }  // namespace
 
+bool is_lighter(const Members& claimed, const Members& others, const MachineParameters& machine) {
+  return AngleError(masses(claimed, machine), masses(others, machine), 1).motor() < 1;
+}
+
 AngleErrorFall fall_of_angle_error(const Members& claimed, const Eigen::VectorXd& with,
                                    const Members& others, const Eigen::VectorXd& without,
                                    const MachineParameters& machine, const Runs& runs, double T_s) {

@@ -29,6 +29,9 @@ struct AngleErrorFall {
   double log_ratio = 0;
 };
 
+// True if the inertia at the motor is smaller with the claim.
+bool is_lighter(const Members& claimed, const Members& others, const MachineParameters& machine);
+
 // `with`, `without`: whitened torque residuals. Only the runs of held-out rows count.
 AngleErrorFall fall_of_angle_error(const Members& claimed, const Eigen::VectorXd& with,
                                    const Members& others, const Eigen::VectorXd& without,

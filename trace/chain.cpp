@@ -218,6 +218,17 @@ Sampled Chain::rounding(const Effects& effects) const {
   return noise;
 }
 
+Eigen::VectorXd Chain::impacts_noise(const Effects& effects) const {
+  const auto gap =
+      std::find_if(effects.begin(), effects.end(), [](const auto& e) { return has_gap(*e); });
+  if (gap == effects.end()) return {};
+  checkpoint();
+  Channels clean, read;
+  together({[&] { clean = equations_.contribution(**gap); },
+            [&] { read = readings_.contribution(**gap); }});
+  return sampled(read).torque - sampled(clean).torque;
+}
+
 Sampled Chain::contribution_to_fit(const Effect& effect) const {
   if (!is_of_shaft(effect) || has_gap(effect)) return contribution(effect);
   checkpoint();
@@ -312,6 +323,22 @@ Sampled Chain::whitened(const Sampled& s) const {
               w.noise_q = noise_.scale_q * take(noise_.q, s.noise_q, electrical);
               w.answer_q = noise_.scale_q * take(noise_.q, s.answer_q, electrical);
             }});
+  return w;
+}
+
+Sampled Chain::in_sensors(const Sampled& s) const {
+  Sampled w = whitened(s);
+  const Runs& runs = sampler_.torque();
+  const Sampled declared = residual({});
+  if (!declared.noise_torque.size()) return w;
+  const Eigen::VectorXd noise = noise_.sensors(declared.noise_torque, runs);
+  const double rms = noise_.scale_torque * noise.norm() /
+                     std::sqrt(static_cast<double>(std::max<Eigen::Index>(1, noise.size())));
+  if (!(rms > 0)) return w;
+  if (s.torque.size()) w.torque = noise_.sensors(s.torque, runs) / rms;
+  if (s.noise_torque.size())
+    w.noise_torque = noise_.scale_torque / rms * noise_.sensors(s.noise_torque, runs);
+  w.answer_torque = {};
   return w;
 }
 

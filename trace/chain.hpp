@@ -26,6 +26,8 @@ struct Sampled {
 // Noise of the three channels.
 struct NoiseModel {
   Whitener d, q, torque;
+  // Whitens what the sensors' noise is in the torque, whatever else the residual holds.
+  AngleNoise sensors;
   // Factor by which the added noise is smaller than the record's own (1: equal).
   double scale_d = 1, scale_q = 1, scale_torque = 1;
   // Share of the drawn noise that the record holds: less than 1 if its residual with all columns
@@ -74,6 +76,9 @@ class Chain {
   void set_moved_counts(std::function<Record()> make) { moved_counts_ = std::move(make); }
   // The residual's noise from the rounding under `effects`; empty if no encoder rounds.
   Sampled rounding(const Effects& effects) const;
+  // Change of the residual torque by noise of the readings under `effects` with a gap, which the
+  // residual's own noise leaves out; empty without a gap.
+  Eigen::VectorXd impacts_noise(const Effects& effects) const;
   void set_noise(NoiseModel noise) { noise_ = std::move(noise); }
   const NoiseModel& noise() const { return noise_; }
   // True if several effects, with the known ones, act on the command (equations.hpp). Their
@@ -94,6 +99,9 @@ class Chain {
   using Columns = std::shared_ptr<const std::vector<Sampled>>;
   Columns remembered_columns(const Effect& effect) const;
   Sampled whitened(const Sampled& s) const;
+  // The same, but the torque after the filter that whitens its noise from the sensors, scaled to
+  // that noise, whatever else the residual holds. Equals whitened() if they have no noise.
+  Sampled in_sensors(const Sampled& s) const;
   // A whitened column. A channel in which most of the energy is noise becomes zero, because nothing
   // useful remains after its share is subtracted.
   Sampled regressor(const Sampled& column) const;

@@ -20,7 +20,6 @@
 namespace twinrate {
 namespace {
 
-constexpr double kDrawn = 1.5;  // factor of energy: the drawn noise is known to about a third
 // The controller responds to noise late, and its drawn response has another delay. Without a true
 // lag the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false
 // one 1.4 to 2.5 times (five).
@@ -83,6 +82,11 @@ std::pair<double, const char*> least_left(const Effect& effect, const MachinePar
   return least;
 }
 
+// True for a kind that changes the inertia at the motor.
+static bool changes_inertia(const Effect& effect) {
+  return is_shaft(effect) || is_of(effect, Traits::Family::kInertia);
+}
+
 struct Gate::Asked {
   Fit fit;
   Sampled with;
@@ -93,7 +97,8 @@ struct Gate::Asked {
 Gate::Asked Gate::ask(const Fit& fit) const {
   Asked asked{.fit = fit, .with = {}, .without_fit = {}, .votes = {}};
   const auto left_by = [&](const Fit& f) { return whole_.residual(f.effects()); };
-  asked.with = whole_.whitened(left_by(fit));
+  const Sampled raw = left_by(fit);
+  asked.with = whole_.whitened(raw);
   const JudgingRows judging(whole_, files_);
   const MachineParameters& machine = whole_.equations().facts().machine;
   const double T_s = whole_.sampler().decimation() * whole_.equations().record().T_s;
@@ -105,18 +110,26 @@ Gate::Asked Gate::ask(const Fit& fit) const {
                             std::any_of(known.begin(), known.end(), at_zero);
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     Fit without = seen_.refine(with(fit.members, nullptr, m));
-    const Sampled raw = left_by(without), left = whole_.whitened(raw);
+    const Sampled raw_without = left_by(without);
+    // A lighter motor reduces the noise at every frequency, and a noise model of the residual holds
+    // part of a resonance. So such a claim is compared in the sensors' own noise.
+    const bool in_sensors = changes_inertia(*fit.members[m]) && raw.torque.size() > 0 &&
+                            is_lighter(fit.members, without.members, machine);
+    const Sampled white = whole_.whitened(raw_without);
+    const Sampled with = in_sensors ? whole_.in_sensors(raw) : asked.with,
+                  left = in_sensors ? whole_.in_sensors(raw_without) : white;
+    const auto fall = [&](const Sampled& is, const Sampled& was) {
+      return fall_of_angle_error(fit.members, is.torque, without.members, was.torque, machine,
+                                 whole_.sampler().torque(), T_s);
+    };
     AngleErrorFall angle;
-    if (left.torque.size())
-      angle = fall_of_angle_error(fit.members, asked.with.torque, without.members, left.torque,
-                                  machine, whole_.sampler().torque(), T_s);
-    asked.votes.push_back(
-        vote(judging, asked.with, left, angle, *fit.members[m], through_zone, criterion_.silent));
-    // A lighter motor reduces the noise at every frequency. So the unwhitened torque must exceed
-    // the noise, too.
-    if (angle.lighter && asked.votes.back().of_torque)
-      asked.votes.back().over_noise =
-          std::min(asked.votes.back().over_noise, kDrawn * torque_over_noise(judging, raw));
+    if (white.torque.size()) {
+      angle = fall(with, left);
+      // A spectrum that falls by decades leaks from one frequency to the others.
+      if (in_sensors) angle.log_ratio = fall(asked.with, white).log_ratio;
+    }
+    asked.votes.push_back(vote(judging, with, left, angle, *fit.members[m], through_zone,
+                               in_sensors, criterion_.silent));
     if (is_of(*fit.members[m], Traits::Family::kLag)) asked.votes.back().least_over_noise = kOfLag;
     asked.without_fit.push_back(std::move(without));
   }

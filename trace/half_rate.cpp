@@ -32,6 +32,8 @@ HalfRate::HalfRate(const Record& whole, const NoisierRecords& noisier, std::size
     const double count = static_cast<double>(left.torque.size());
     noise.torque = Whitener(angle(left.torque, runs), runs, angle,
                             std::sqrt(left.torque.squaredNorm() / count));
+    noise.sensors =
+        AngleNoise::of(chain_.residual({}).noise_torque, runs, sampler_.decimation() * record_.T_s);
   }
   chain_.set_noise(std::move(noise));
 }

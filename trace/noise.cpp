@@ -229,6 +229,7 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   if (!angle.none() && (of_sensors.none() || of_sensors.w_over_s() > angle.w_over_s()))
     angle = of_sensors;
   noise.torque = whitener(noise_torque, sampler.torque(), angle);
+  noise.sensors = of_sensors;
   noise.scale_d = noise_scale(noise.d, noise_d, y.noise_d, sampler.electrical());
   noise.scale_q = noise_scale(noise.q, noise_q, y.noise_q, sampler.electrical());
   noise.scale_torque = noise_scale(noise.torque, noise_torque, y.noise_torque, sampler.torque());

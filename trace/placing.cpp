@@ -12,13 +12,13 @@ namespace {
 
 constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
 constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
-constexpr double kWorthwhile = 0.97;  // share of the error below which a descent is repeated
-// Error of the best gap after the first descents, over the error of the shaft: above these
-// ratios the search ends without a gap. (In 30 logs with a gap the worst ratio was 0.98. In logs
-// with a shaft the best was 1.29, and 0.95 with coarse ADCs.)
-constexpr double kNearShaft = 1.15, kNearGap = 1;
+// Damping of the load by the measured torque (MotorSide::tie), one after the other. By design: the
+// first holds the load through the impacts of the wildest drawn log, the last does not act.
+constexpr double kTies[] = {0.1, 0.03, 0.01, 0.003, 0};
+constexpr double kNearShaft = 1.15;     // error of a gap over that of the shaft: above it, none
 constexpr double kHopeless = 1.5;       // times the best error: points above it are dropped
 constexpr double kFirstStep = 0.15;     // change of the logarithm of a key
+constexpr double kLaterStep = 0.06;     // the same, once a shaft is near
 constexpr double kWrongInertia = 0.02;  // of machine.J: a smaller correction is not fitted
 constexpr double kWorthInertia = 0.9;   // and it must leave less than this share of the torque
 
@@ -77,6 +77,63 @@ std::shared_ptr<Effect> in_best_zone(const Fitter& fitter, const Fit& now, const
     look(zone_A / factor);
   }
   return best;
+}
+
+// Shafts with a gap; a search begins at the best `most` of them.
+struct Grid {
+  std::vector<std::shared_ptr<Effect>> gaps;
+  std::size_t most = 1;
+};
+
+std::vector<std::shared_ptr<Effect>> copies(const std::vector<std::shared_ptr<Effect>>& effects) {
+  std::vector<std::shared_ptr<Effect>> out;
+  for (const auto& effect : effects) out.push_back(effect->clone());
+  return out;
+}
+
+// First near the best shaft without a gap: the gap made it softer and overdamped. A gap of any
+// width with nearly all of the inertia behind such a shaft has a small error, and no descent leaves
+// that region. So starts with other load inertias are tried as well.
+std::vector<Grid> grids_of_gaps(const Effect& shaft, double J) {
+  const std::shared_ptr<Effect> like = make_placed(Traits::Place::kGap);
+  const std::vector<double> gaps = like->tracing().traced_keys().at(0).grid;
+  const auto gap = [&](double gap_rad, double J_load, double stiffness, double damping) {
+    const std::shared_ptr<Effect> there = like->clone();
+    set_key(*there, "gap_rad", gap_rad);
+    set_key(*there, "J_load_kgm2", J_load);
+    set_key(*there, "stiffness_Nm_rad", stiffness);
+    set_key(*there, "damping_Nms_rad", damping);
+    return there;
+  };
+  std::vector<Grid> grids(1);
+  for (double gap_rad : gaps)
+    for (double stiffer : {1.2, 2.7})
+      for (double share : {0.4, 0.8})
+        grids[0].gaps.push_back(gap(gap_rad, share * get_key(shaft, "J_load_kgm2"),
+                                    stiffer * get_key(shaft, "stiffness_Nm_rad"),
+                                    get_key(shaft, "damping_Nms_rad")));
+  for (double share : {0.18, 0.24, 0.32, 0.43, 0.58}) {
+    Grid& grid = grids.emplace_back();
+    grid.most = kTriedOfAMass;
+    const double J_load = share * J;
+    for (double gap_rad : gaps)
+      for (double omega : {260.0, 430.0, 720.0})
+        for (double ratio : {0.08, 0.22})
+          grid.gaps.push_back(
+              gap(gap_rad, J_load, J_load * omega * omega, 2 * ratio * J_load * omega));
+  }
+  return grids;
+}
+
+// Descends under the ties from `first` on, ever looser.
+ShaftSearch::Points loosened(const ShaftSearch& untied, ShaftSearch::Points points,
+                             std::size_t first) {
+  for (std::size_t tie = first; tie < std::size(kTies); ++tie) {
+    const ShaftSearch search = untied.tied(kTies[tie]);
+    for (ShaftSearch::Point& p : points) p = search.along_keys(search.at(p.shaft));
+    points = search.descend(std::move(points), kTriedLast, kLaterStep);
+  }
+  return points;
 }
 
 }  // namespace
@@ -145,70 +202,35 @@ std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const Considered& considered = fitter.chain().equations().considered();
   if (!considered(make_placed(Traits::Place::kGap)->kind())) return std::nullopt;
-  const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
-  const std::vector<double> gaps =
-      make_placed(Traits::Place::kGap)->tracing().traced_keys().at(0).grid;
-  const auto start = [&](double gap_rad, double J_load, double stiffness, double damping) {
-    const std::shared_ptr<Effect> gap = make_placed(Traits::Place::kGap);
-    set_key(*gap, "gap_rad", gap_rad);
-    set_key(*gap, "J_load_kgm2", J_load);
-    set_key(*gap, "stiffness_Nm_rad", stiffness);
-    set_key(*gap, "damping_Nms_rad", damping);
-    return gap;
-  };
-  // First near the best shaft without a gap: the gap made it softer and overdamped. A gap of any
-  // width with nearly all of the inertia behind such a shaft has a small error, and no descent
-  // leaves that region. So starts with other load inertias are tried as well.
-  std::vector<std::shared_ptr<Effect>> grid;
-  ShaftSearch::Points starts;
-  const auto keep_best = [&](std::size_t most) {
-    for (ShaftSearch::Point& p : apart(search.at(std::move(grid)), most))
-      starts.push_back(std::move(p));
-    grid.clear();
-  };
-  for (double gap_rad : gaps)
-    for (double stiffer : {1.2, 2.7})
-      for (double share : {0.4, 0.8})
-        grid.push_back(start(gap_rad, share * get_key(shaft, "J_load_kgm2"),
-                             stiffer * get_key(shaft, "stiffness_Nm_rad"),
-                             get_key(shaft, "damping_Nms_rad")));
-  keep_best(1);
-  for (double share : {0.18, 0.24, 0.32, 0.43, 0.58}) {
-    const double J_load = share * fitter.chain().equations().facts().machine.J;
-    for (double gap_rad : gaps)
-      for (double omega : {260.0, 430.0, 720.0})
-        for (double ratio : {0.08, 0.22})
-          grid.push_back(
-              start(gap_rad, J_load, J_load * omega * omega, 2 * ratio * J_load * omega));
-    keep_best(kTriedOfAMass);
+  const ShaftSearch untied(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
+  const std::vector<Grid> grids =
+      grids_of_gaps(shaft, fitter.chain().equations().facts().machine.J);
+  // Which tie the noise of the measured torque allows is not known before, so each is the first
+  // once.
+  ShaftSearch::Points ends;
+  for (std::size_t first = 0; first < std::size(kTies); ++first) {
+    const ShaftSearch search = untied.tied(kTies[first]);
+    ShaftSearch::Points starts;
+    for (const Grid& grid : grids)
+      for (ShaftSearch::Point& p : apart(search.at(copies(grid.gaps)), grid.most))
+        starts.push_back(std::move(p));
+    ShaftSearch::Points finalists =
+        apart(search.descend(std::move(starts), kTriedFirst, kFirstStep), kFinalists);
+    const double hopeless = kHopeless * finalists.front().error;
+    std::erase_if(finalists, [&](const auto& p) { return p.error > hopeless; });
+    for (ShaftSearch::Point& p : loosened(untied, std::move(finalists), first))
+      ends.push_back(std::move(p));
   }
-  ShaftSearch::Points finalists =
-      apart(search.descend(std::move(starts), kTriedFirst, kFirstStep), kFinalists);
-  const double nearness = finalists.front().error / search.at(shaft.clone()).error;
-  if (nearness > (has_gap(shaft) ? kNearGap : kNearShaft)) return std::nullopt;
-  const double hopeless = kHopeless * finalists.front().error;
-  std::erase_if(finalists, [&](const auto& p) { return p.error > hopeless; });
-  ShaftSearch::Points done;
-  while (!finalists.empty()) {
-    ShaftSearch::Points next = finalists;
-    for (double step : {kFirstStep, -0.4 * kFirstStep}) {
-      for (ShaftSearch::Point& p : next) p = search.along_keys(p);
-      next = search.descend(std::move(next), kTriedLast, step);
-    }
-    ShaftSearch::Points better;
-    for (std::size_t i = 0; i < next.size(); ++i)
-      (next[i].error < kWorthwhile * finalists[i].error ? better : done).push_back(next[i]);
-    finalists = std::move(better);
-  }
-  return search_closer(fitter, now,
-                       *std::min_element(done.begin(), done.end(), ShaftSearch::better)->shaft);
+  const ShaftSearch::Point best = *std::min_element(ends.begin(), ends.end(), ShaftSearch::better);
+  if (best.error > kNearShaft * untied.at(shaft.clone()).error) return std::nullopt;
+  return search_closer(fitter, now, *best.shaft);
 }
 
 Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   const ShaftSearch search(fitter.chain(), now.members, ShaftSearch::Inertia::kFree,
                            ShaftSearch::Rows::kAll);
   const ShaftSearch::Point best =
-      search.descend(search.along_keys(search.at(shaft.clone())), kTriedCloser, 0.2 * kFirstStep);
+      search.descend(search.along_keys(search.at(shaft.clone())), kTriedCloser, kLaterStep / 2);
   Fit gap = fitter.refine(with(now.members, best.shaft));
   const bool known = std::any_of(now.members.begin(), now.members.end(),
                                  [](const auto& m) { return is_of(*m, Traits::Family::kInertia); });
@@ -219,7 +241,7 @@ Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft) {
   set_key(*inertia, "change_kgm2", best.inertia);
   Fit both = fitter.refine(with(with(now.members, inertia), best.shaft));
   const bool better = both.valid && score_of(fitter, both) < score_of(fitter, gap) &&
-                      plain_torque(fitter, both) < kWorthInertia * plain_torque(fitter, gap);
+                      torque_energy(fitter, both) < kWorthInertia * torque_energy(fitter, gap);
   return better ? both : gap;
 }
 
@@ -232,13 +254,17 @@ bool rings(const Effect& effect) {
          s.damping < 2 * kMostDamping * std::sqrt(s.stiffness * s.J_load);
 }
 
-double plain_torque(const Fitter& fitter, const Fit& fit) {
-  return fitter.chain().residual(fit.effects()).torque.squaredNorm();
+Eigen::VectorXd in_sensors(const Fitter& fitter, const Eigen::VectorXd& torque) {
+  return fitter.chain().noise().sensors(torque, fitter.chain().sampler().torque());
 }
 
-double plain_pieces(const Fitter& fitter, const Fit& fit) {
+double torque_energy(const Fitter& fitter, const Fit& fit) {
+  return in_sensors(fitter, fitter.chain().residual(fit.effects()).torque).squaredNorm();
+}
+
+double torque_by_pieces(const Fitter& fitter, const Fit& fit) {
   constexpr Eigen::Index kPiece = 64;  // outputs
-  const Eigen::VectorXd left = fitter.chain().residual(fit.effects()).torque;
+  const Eigen::VectorXd left = in_sensors(fitter, fitter.chain().residual(fit.effects()).torque);
   double sum = 0;
   for (Eigen::Index first = 0; first + kPiece <= left.size(); first += kPiece)
     sum += left.segment(first, kPiece).norm();
@@ -248,7 +274,9 @@ double plain_pieces(const Fitter& fitter, const Fit& fit) {
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit) {
   constexpr double kTimes = 2;
   const Sampled left = fitter.chain().residual(fit.effects());
-  return left.torque.squaredNorm() > kTimes * left.noise_torque.squaredNorm();
+  if (!left.noise_torque.size()) return left.torque.size() > 0;
+  return in_sensors(fitter, left.torque).squaredNorm() >
+         kTimes * in_sensors(fitter, left.noise_torque).squaredNorm();
 }
 
 }  // namespace twinrate

@@ -20,19 +20,23 @@ std::shared_ptr<Effect> search_torsion(const Fitter& fitter, const Fit& now,
                                        const std::vector<Candidate>& candidates);
 
 // Searches a backlash that replaces `shaft`: on grids around it and away from it, then by simplex.
-// A gap looks like a soft shaft until the load mass is simulated through it, and its impacts make
-// the error a rough function of the parameters. None if no gap fits nearly as well as the shaft.
+// A gap looks like a soft shaft until the load mass is simulated through it. Its impacts make the
+// error a rough function of the parameters, because each changes the later ones. So the load is tied
+// to the measured torque first, and then ever looser. None if no gap fits nearly as well as the
+// shaft.
 std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const Effect& shaft);
 // The same from a start near the solution.
 Fit search_closer(const Fitter& fitter, const Fit& now, const Effect& shaft);
 
 // False for a shaft whose resonance is above the tracer's band, or damped too much to be one.
 bool rings(const Effect& effect);
-// Squared norm of the residual torque with the fit's members, before whitening.
-double plain_torque(const Fitter& fitter, const Fit& fit);
+// Squared norm of the residual torque with the fit's members, after the filter that whitens the
+// noise of the sensors. (The noise of an angle makes a torque that grows with the square of the
+// frequency, and hides a resonance; whitening by the residual would hide it, too.)
+double torque_energy(const Fitter& fitter, const Fit& fit);
 // The same residual as a sum of the norms of pieces: a missed impact spoils only one of them.
-double plain_pieces(const Fitter& fitter, const Fit& fit);
-// True if the squared norm is more than twice that of its noise.
+double torque_by_pieces(const Fitter& fitter, const Fit& fit);
+// True if that energy is more than twice that of its noise.
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit);
 
 }  // namespace twinrate

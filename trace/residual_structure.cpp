@@ -311,15 +311,16 @@ class StructureSearch {
 // A torque above the noise of the sensors, on whatever axis. Without a claim a smaller one is only a doubt
 // (conclude.cpp).
 Structure slow_torque(const Chain& chain, const Sampled& physical, const StructureSearch& search,
-                      bool alone) {
+                      const Effects& members) {
   const double rms = root_mean_square(physical.torque);
   if (rms <= least_torque(chain.equations().facts())) return {};
-  const double least = alone ? kTimesNoiseAlone : kTimesNoise;
-  double over = torque_over_sensors(chain, physical, physical.noise_torque);
+  const double least = members.empty() ? kTimesNoiseAlone : kTimesNoise;
+  const Eigen::VectorXd of_impacts = chain.impacts_noise(members);
+  double over = torque_over_sensors(chain, physical, physical.noise_torque, of_impacts);
   if (over > least && search.counts_may()) {
     const Eigen::VectorXd& rounding = search.rounding(false).noise_torque;
     if (rounding.squaredNorm() > 0)
-      over = std::min(over, torque_over_sensors(chain, physical, rounding));
+      over = std::min(over, torque_over_sensors(chain, physical, rounding, of_impacts));
   }
   if (over <= least) return {};
   Structure s{.regressor = "t",
@@ -386,7 +387,7 @@ std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit) 
     keep(bursts_of_torque(chain, physical, search));
   const auto told = [](const Structure& s) { return s.channel == "torque" && s.doubt.empty(); };
   if (std::none_of(found.begin(), found.end(), told))
-    keep(slow_torque(chain, physical, search, fit.members.empty()));
+    keep(slow_torque(chain, physical, search, fit.effects()));
   return found;
 }
 

@@ -70,25 +70,27 @@ class Selector {
 
  private:
   // Replaces `shaft`, the fit with a torsion, by one with a gap if that is better. The best torsion
-  // for a drive with a gap is overdamped.
-  void look_for_gap(const Fit& now, Fit& shaft) {
+  // for a drive with a gap is overdamped, or explains nothing: then the search starts from `placed`.
+  void look_for_gap(const Fit& now, const Effect& placed, Fit& shaft) {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
-    if (gain < fitter_.margin() || !leaves_more_than_noise(fitter_, shaft) || gaps_left_ <= 0)
-      return;
+    const bool torsion = shaft.valid && gain > fitter_.margin();
+    const Fit& before = torsion ? shaft : now;
+    if (gaps_left_ <= 0 || !leaves_more_than_noise(fitter_, before)) return;
     --gaps_left_;
-    std::optional<Fit> gap = search_backlash(fitter_, now, *shaft.members.back());
+    std::optional<Fit> gap =
+        search_backlash(fitter_, now, torsion ? *shaft.members.back() : placed);
     if (!gap) return;
-    const double more = score_of(fitter_, shaft) - score_of(fitter_, *gap);
+    const double more = score_of(fitter_, before) - score_of(fitter_, *gap);
     if (say_)
       say_(fmt::format("  {}: {:.0f}; with a gap: {} {:+.0f}", describe(*shaft.members.back()),
                        gain, describe(*gap->members.back()), more));
     const auto left_by = [&](const Fit& fit) {
-      return LeftByShaft{.plain = plain_torque(fitter_, fit),
-                         .pieces = plain_pieces(fitter_, fit),
+      return LeftByShaft{.energy = torque_energy(fitter_, fit),
+                         .pieces = torque_by_pieces(fitter_, fit),
                          .held_out = fit.rss_held_out};
     };
     if (acceptable(fitter_, *gap, now) &&
-        is_gap(left_by(*gap), left_by(shaft), gain, more, fitter_.margin()))
+        is_gap(left_by(*gap), left_by(before), torsion ? gain : 0, more, fitter_.margin()))
       shaft = std::move(*gap);
   }
 
@@ -97,8 +99,8 @@ class Selector {
   // one.
   Fit unless_astray(const Members& placed, Fit refined) const {
     Fit there = fitter_.start(placed);
-    const bool astray = there.valid && kWorseThanPlaced * plain_torque(fitter_, there) <
-                                           plain_torque(fitter_, refined);
+    const bool astray = there.valid && kWorseThanPlaced * torque_energy(fitter_, there) <
+                                           torque_energy(fitter_, refined);
     return astray ? std::move(there) : std::move(refined);
   }
 
@@ -127,7 +129,7 @@ class Selector {
       Fit next =
           fitter_.refine(there, shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) next = unless_astray(there, std::move(next));
-      if (shaft && s.effect != searched) look_for_gap(now, next);
+      if (shaft && s.effect != searched) look_for_gap(now, *newcomer, next);
       if (names_a_slope(next.members, *s.effect) || !next.valid)
         next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
@@ -344,12 +346,12 @@ class Selector {
     if (!gap) return;
     Fit anew = with_steps(std::move(*gap));
     const double better = score_of(fitter_, fit_) - score_of(fitter_, anew);
-    const double plain = plain_torque(fitter_, anew) / plain_torque(fitter_, fit_);
+    const double left = torque_energy(fitter_, anew) / torque_energy(fitter_, fit_);
     if (say_)
       say_(fmt::format("  anew: {} {:+.0f}, {:.3g} of the rest", describe(*anew.members.back()),
-                       better, plain));
+                       better, left));
     if (anew.valid && rings(*anew.members.back()) &&
-        ((better > 0 && plain < 1) || plain < kGapErrorRatio))
+        ((better > 0 && left < 1) || left < kGapErrorRatio))
       fit_ = std::move(anew);
   }
 

@@ -260,11 +260,11 @@ class Settler {
     Members others = with(now, nullptr, static_cast<std::size_t>(gap - now.begin()));
     const std::shared_ptr<Effect> shaft = (*gap)->clone();
     Fit best;
-    const double before = plain_torque(fitter_, fit_);
+    const double before = torque_energy(fitter_, fit_);
     double least = kErrorRatio * before;
     for (bool look = true; look;) {
       Fit near = search_closer(fitter_, fitter_.start(others), *shaft);
-      const double left = plain_torque(fitter_, near);
+      const double left = torque_energy(fitter_, near);
       if (say_) say_(fmt::format("  impacts simulated again leave {:.3g}", left / before));
       if (near.valid && rings(*near.members.back()) && left < least) {
         least = left;
@@ -329,7 +329,7 @@ class Settler {
     for (std::size_t m = 0; m < fit.members.size(); ++m) {
       if (!is_of(*fit.members[m], Traits::Family::kInertia)) continue;
       Fit without = fitter_.refine(with(fit.members, nullptr, m), Fitter::Until::kArrived);
-      const double left = plain_torque(fitter_, without) / plain_torque(fitter_, fit);
+      const double left = torque_energy(fitter_, without) / torque_energy(fitter_, fit);
       if (say_) say_(fmt::format("  without inertia {:.3g} of the torque is left", left));
       if (!without.valid || left > kMends) return;
       fit_ = std::move(without);

@@ -51,6 +51,29 @@ MotorSide motor_side(const Chain& chain, const Members& now, bool all) {
   return {points, load_behind_shaft(loads, points), static_cast<double>(stride) * record.T_s, 0};
 }
 
+// The torque in the shaft at each row, between neighbouring outputs on a straight line.
+std::vector<MotorSide::Measured> measured_torque(const Chain& chain, const Eigen::VectorXd& left,
+                                                 const Eigen::VectorXd& acceleration, bool all,
+                                                 std::size_t rows) {
+  const Sampler& sampler = chain.sampler();
+  const Runs& runs = sampler.torque();
+  const std::size_t stride = all ? 1 : sampler.stride(), first = all ? 0 : sampler.first();
+  std::vector<MotorSide::Measured> measured(rows);
+  for (std::size_t n = 0; n + 1 < runs.row.size(); ++n) {
+    const std::size_t from = runs.row[n], to = runs.row[n + 1];
+    if (to != from + static_cast<std::size_t>(sampler.decimation())) continue;
+    const auto i = static_cast<Eigen::Index>(n);
+    for (std::size_t k = (from - first + stride - 1) / stride; first + k * stride <= to; ++k) {
+      const double share = static_cast<double>(first + k * stride - from) /
+                           static_cast<double>(sampler.decimation());
+      if (k < rows)
+        measured[k] = {left[i] + share * (left[i + 1] - left[i]),
+                       acceleration[i] + share * (acceleration[i + 1] - acceleration[i]), true};
+    }
+  }
+  return measured;
+}
+
 }  // namespace
 
 ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia, Rows rows)
@@ -59,20 +82,29 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
       free_(inertia == Inertia::kFree),
       motor_(motor_side(chain, now, all_)) {
   const Runs& runs = chain.sampler().torque();
-  std::vector<Eigen::Index> outputs;
   for (std::size_t first = 0; first + kPiece <= runs.row.size(); first += kPiece) {
     if (runs.held_out[first]) continue;
-    for (std::size_t n = first; n < first + kPiece; ++n) {
-      outputs.push_back(static_cast<Eigen::Index>(n));
-      runs_.row.push_back(runs.row[n]);
-    }
+    for (std::size_t n = first; n < first + kPiece; ++n)
+      outputs_.push_back(static_cast<Eigen::Index>(n));
   }
   const Sampled left = chain.residual({now.begin(), now.end()});
-  now_ = left.torque(outputs);
+  const Eigen::VectorXd& acceleration =
+      chain.remembered_columns(*make_of(Traits::Family::kInertia))->front().torque;
+  measured_ = measured_torque(chain, left.torque, acceleration, all_, motor_.rows());
+  now_ = in_sensors(left.torque);
   if (left.noise_torque.size() > 0)
-    noise_ = chain.noise().scale_torque * left.noise_torque(outputs);
-  acceleration_ =
-      chain.remembered_columns(*make_of(Traits::Family::kInertia))->front().torque(outputs);
+    noise_ = chain.noise().scale_torque * in_sensors(left.noise_torque);
+  acceleration_ = in_sensors(acceleration);
+}
+
+Eigen::VectorXd ShaftSearch::in_sensors(const Eigen::VectorXd& torque) const {
+  return chain_.noise().sensors(torque, chain_.sampler().torque())(outputs_);
+}
+
+ShaftSearch ShaftSearch::tied(double damping) const {
+  ShaftSearch search = *this;
+  search.motor_.tie(measured_, damping);
+  return search;
 }
 
 ShaftSearch::Point ShaftSearch::at(std::shared_ptr<Effect> shaft) const {
@@ -109,9 +141,10 @@ ShaftSearch::Points ShaftSearch::at(std::vector<std::shared_ptr<Effect>> shafts)
 double ShaftSearch::error_with(const ShaftFacts& shaft, const std::vector<double>& T_load,
                                double& inertia) const {
   const Sampler& sampler = chain_.sampler();
-  const Eigen::VectorXd left = now_ -
-                               (all_ ? sampler(T_load, runs_) : sampler.sparsely(T_load, runs_)) +
-                               shaft.J_load * acceleration_;
+  const Runs& runs = sampler.torque();
+  const Eigen::VectorXd left =
+      now_ - in_sensors(all_ ? sampler(T_load, runs) : sampler.sparsely(T_load, runs)) +
+      shaft.J_load * acceleration_;
   return error_of(left, shaft.J_load, inertia);
 }
 

@@ -24,6 +24,8 @@ class ShaftSearch {
   // the known inertia is wrong by more than the effect of a gap, no gap fits beside it.
   enum class Inertia { kKnown, kFree };
   ShaftSearch(const Chain& chain, const Members& now, Inertia inertia, Rows rows = Rows::kStride);
+  // The same search with the load tied to the measured torque (MotorSide::tie).
+  ShaftSearch tied(double damping) const;
 
   // The error of the members with each shaft, from the residual torque at the tracer's rate. It is
   // not whitened, because the noise model contains part of the impacts. A shaft that is impossible
@@ -48,11 +50,15 @@ class ShaftSearch {
   double error_with(const ShaftFacts& shaft, const std::vector<double>& T_load,
                     double& inertia) const;
 
+  // After the filter that whitens the sensors' noise, the outputs that are compared.
+  Eigen::VectorXd in_sensors(const Eigen::VectorXd& torque) const;
+
   const Chain& chain_;
   bool all_, free_;
-  Runs runs_;                                   // outputs that are compared: none held out
-  Eigen::VectorXd now_, noise_, acceleration_;  // residual torque, its noise; omega_m'
+  std::vector<Eigen::Index> outputs_;           // those that are compared: none held out
+  Eigen::VectorXd now_, noise_, acceleration_;  // residual torque, its noise; omega_m'; in_sensors
   MotorSide motor_;                             // with the load of the members behind the shaft
+  std::vector<MotorSide::Measured> measured_;   // torque in the shaft at the rows of motor_
 };
 
 // The best points, at most `most`, no two of them with nearly the same load inertia and gap.

@@ -23,7 +23,8 @@ Eigen::VectorXd between_rows(const Chain& chain,
 
 }  // namespace
 
-double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise) {
+double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise,
+                           const Eigen::VectorXd& of_impacts) {
   if (!left.torque.size() || !(noise.squaredNorm() > 0)) return 0;
   const Runs& runs = chain.sampler().torque();
   const double T_out = chain.sampler().decimation() * chain.equations().record().T_s;
@@ -35,7 +36,11 @@ double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen:
   const double floor =
       std::hypot(flat(noise, runs).norm(), flat(between_rows(chain, of_motor), runs).norm(),
                  flat(between_rows(chain, of_load), runs).norm());
-  return flat(left.torque, runs).norm() / floor;
+  // Impacts at other moments make a large error, which does not excuse any residual.
+  constexpr double kMostOfImpacts = 3;
+  const double impacts =
+      of_impacts.size() ? std::min(kMostOfImpacts * floor, flat(of_impacts, runs).norm()) : 0;
+  return flat(left.torque, runs).norm() / std::hypot(floor, impacts);
 }
 
 std::string torque_in_words(double rms, double over) {

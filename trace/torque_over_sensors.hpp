@@ -11,7 +11,10 @@ namespace twinrate {
 // square of the frequency; without the filter it would hide a slow torque. 0 if the residual or the
 // noise is absent. The drawn noise of the readings is white, apart from the rounding of counts: an angle that the
 // drive filters has a larger ratio, too.
-double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise);
+// `of_impacts`: change of the torque of a shaft with a gap by noise of the readings, which moves its
+// impacts (Chain::impacts_noise); empty without such a shaft.
+double torque_over_sensors(const Chain& chain, const Sampled& left, const Eigen::VectorXd& noise,
+                           const Eigen::VectorXd& of_impacts = {});
 // The ratio as a message, with the plain rms of the residual in Nm.
 std::string torque_in_words(double rms, double over);
 

@@ -190,12 +190,6 @@ bool is_free_of_noise(const Effect& effect) {
 
 }  // namespace
 
-double torque_over_noise(const JudgingRows& judging, const Sampled& left) {
-  const double noise = judging.energy(noise_of(left), &Sampled::torque);
-  return noise > 0 ? judging.energy(left, &Sampled::torque) / noise
-                   : std::numeric_limits<double>::infinity();
-}
-
 double along_beside_noise(const JudgingRows& judging, const Sampled& with, const Sampled& without,
                           const std::vector<Channel>& moved) {
   const Sampled answered = answered_noise_of(without), answered_with = answered_noise_of(with);
@@ -216,7 +210,8 @@ double along_beside_noise(const JudgingRows& judging, const Sampled& with, const
 }
 
 Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& without,
-          const AngleErrorFall& angle, const Effect& claim, bool through_zone, double silent) {
+          const AngleErrorFall& angle, const Effect& claim, bool through_zone, bool in_sensors,
+          double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
   double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
@@ -234,6 +229,12 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
   const bool lighter = of_torque && angle.lighter;
   if (lighter && angle.share > 0 && angle.share < 1 && noise > left / 2)
     quieter = std::max(quieter, -0.5 * std::log(1 - angle.share));
+  // In the sensors' own noise, that noise is a known share of the energy. Otherwise the whitening
+  // may have made all of it look like noise.
+  constexpr double kTimes = 2;  // factor of energy to which the drawn noise is known
+  if (in_sensors && energy_without > kTimes * noise_without)
+    quieter =
+        -0.5 * std::log1p(-kTimes * noise_without / energy_without * (1 - std::exp(-2 * quieter)));
   const JudgingRows::Energies pieces = judging.pieces(with, without, moved);
   Vote vote{votes_of(pieces.without, pieces.with, silent, quieter), of_voltage, of_torque};
   if (!through_zone) {

@@ -66,13 +66,13 @@ struct Vote : Votes {
 
 // `with`, `without`: whitened residuals of the models with the claim and without it.
 // `through_zone`: the model has an effect that depends on a current's zero. Its slope of some 30
-// Ohm amplifies any noise there, so the comparisons with noise are left out. `silent`: share of the
+// Ohm amplifies any noise there, so the comparisons with noise are left out. `in_sensors`: they are
+// of Chain::in_sensors. `silent`: share of the
 // energy below which a channel does not count as changed.
 Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& without,
-          const AngleErrorFall& angle, const Effect& claim, bool through_zone, double silent);
+          const AngleErrorFall& angle, const Effect& claim, bool through_zone, bool in_sensors,
+          double silent);
 
-// Energy of the residual torque over that of the sensors' noise.
-double torque_over_noise(const JudgingRows& judging, const Sampled& left);
 // Projection of the rows on a claim's change, over the standard deviation of the noise of the
 // sensors and of the controller's response to it, less the part that this noise has in common with
 // the noise in the claim. 0: the projection vanishes.

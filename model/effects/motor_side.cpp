@@ -26,11 +26,19 @@ bool has_load(const ShaftFacts& shaft) {
   return shaft.J_load > 0;
 }
 
+// Twist for a newton metre by which the measured torque exceeds the shaft's (MotorSide::tie).
+double tied_twist(const ShaftFacts& shaft, double damping, double T_s) {
+  constexpr double kLargest = 0.5;  // of the twist of that torque, at one row
+  const double omega_0 = std::sqrt(shaft.stiffness / shaft.J_load);
+  return std::min(kLargest, 2 * damping * omega_0 * T_s) / shaft.stiffness;
+}
+
 // Four load masses, computed like LoadMass while no contact changes; a lane with a change goes
 // through LoadMass.
 class FourMasses {
  public:
-  FourMasses(const ShaftFacts* shafts, double T_s) : shafts_(shafts), h_(T_s) {
+  FourMasses(const ShaftFacts* shafts, double T_s, double tie)
+      : shafts_(shafts), h_(T_s), tied_(tie > 0) {
     for (int l = 0; l < kLanes; ++l) {
       const ShaftFacts& s = shafts[l];
       masses_.emplace_back(s, T_s, ShaftState{});
@@ -41,6 +49,7 @@ class FourMasses {
       compliance_[l] = 1 / s.stiffness;
       J_[l] = s.J_load;
       per_J_[l] = 1 / s.J_load;
+      twist_[l] = tied_twist(s, tie, T_s);
       dd_[l] = whole.Phi_dd;
       dr_[l] = whole.Phi_dr;
       rd_[l] = whole.Phi_rd;
@@ -55,15 +64,19 @@ class FourMasses {
   inline __attribute__((always_inline)) void step(const MotorSide::Row& row, double* const* T_load,
                                                   std::size_t k) {
     const Four zero{}, one = zero + 1.0;
-    const FourTruths above = delta_ > half_, below = delta_ < -half_;
-    const Four over = K_ * (delta_ - half_), under = K_ * (delta_ + half_);
+    FourTruths above = delta_ > half_, below = delta_ < -half_;
+    Four over = K_ * (delta_ - half_), under = K_ * (delta_ + half_);
     {
       const Four damped = D_ * (row.omega_m - omega_load_);
       const Four pushed = over + damped, pulled = under + damped;
-      const Four torque = (above ? (pushed > 0.0 ? pushed : zero)
-                                 : (below ? (pulled < 0.0 ? pulled : zero) : zero)) -
-                          row.behind;
-      for (int l = 0; l < kLanes; ++l) T_load[l][k] = torque[l];
+      const Four torque =
+          above ? (pushed > 0.0 ? pushed : zero) : (below ? (pulled < 0.0 ? pulled : zero) : zero);
+      for (int l = 0; l < kLanes; ++l) T_load[l][k] = torque[l] - row.behind;
+      if (tied_) {
+        delta_ += row.tied * twist_ * (row.torque + J_ * row.torque_per_inertia - torque);
+        above = delta_ > half_, below = delta_ < -half_;
+        over = K_ * (delta_ - half_), under = K_ * (delta_ + half_);
+      }
     }
     const Four rate = row.begin - omega_load_, damped = D_ * rate;
     const FourTruths upper = above & (over + damped > 0.0), lower = below & (under + damped < 0.0),
@@ -99,8 +112,9 @@ class FourMasses {
   }
   const ShaftFacts* shafts_;
   double h_;
+  bool tied_;
   std::vector<LoadMass> masses_;
-  Four half_, K_, D_, compliance_, J_, per_J_, dd_, dr_, rd_, rr_, delta_{}, omega_load_{};
+  Four half_, K_, D_, compliance_, J_, per_J_, twist_, dd_, dr_, rd_, rr_, delta_{}, omega_load_{};
 };
 
 }  // namespace
@@ -152,6 +166,15 @@ MotorSide::Start MotorSide::start_at(std::span<const OperatingPoint> record,
   return {row, A.ldlt().solve(b)[1]};
 }
 
+void MotorSide::tie(std::span<const Measured> measured, double damping) {
+  tie_ = damping;
+  for (std::size_t k = 0; k < rows_.size(); ++k) {
+    rows_[k].torque = measured[k].torque;
+    rows_[k].torque_per_inertia = measured[k].torque_per_inertia;
+    rows_[k].tied = measured[k].known ? 1 : 0;
+  }
+}
+
 ShaftState MotorSide::at_rest(const ShaftFacts& shaft, const Start& start) const {
   return shaft_at_rest(shaft, start.omega_m, rows_[start.row].behind);
 }
@@ -163,11 +186,19 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
     return;
   }
   LoadMass load(shaft, T_s_, {});
+  const double twist = tied_twist(shaft, tie_, T_s_);
   auto start = starts_.begin();
   for (std::size_t k = 0; k < N; ++k) {
     if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
     const Row& row = rows_[k];
-    T_load[k] = load.torque(row.omega_m) - row.behind;
+    const double torque = load.torque(row.omega_m);
+    T_load[k] = torque - row.behind;
+    if (tie_ > 0) {
+      const ShaftState x = load.state();
+      load.set_state({x.delta + row.tied * twist *
+                                    (row.torque + shaft.J_load * row.torque_per_inertia - torque),
+                      x.omega_load});
+    }
     load.advance(row.begin, row.omega_rate, row.held);
   }
 }
@@ -187,7 +218,7 @@ std::vector<ShaftState> MotorSide::load_mass(const ShaftFacts& shaft) const {
 // Two groups of four do not wait for each other.
 inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* shafts,
                                                             double* const* T_load) const {
-  FourMasses a(shafts, T_s_), b(shafts + kLanes, T_s_);
+  FourMasses a(shafts, T_s_, tie_), b(shafts + kLanes, T_s_, tie_);
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
     if (start != starts_.end() && start->row == k) {
@@ -203,7 +234,7 @@ inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* sh
 
 inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* shafts,
                                                            double* const* T_load) const {
-  FourMasses a(shafts, T_s_);
+  FourMasses a(shafts, T_s_, tie_);
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
     if (start != starts_.end() && start->row == k) {

@@ -20,7 +20,20 @@ class MotorSide {
     double omega_m = 0;                // of the motor
     double begin = 0, omega_rate = 0;  // its speed and acceleration from there to the next
     double behind = 0, held = 0;       // load at the row; from there to the next
+    double torque = 0, torque_per_inertia = 0, tied = 0;  // see tie()
   };
+
+  // The torque in the shaft as measured from the motor's side, where `known`: torque +
+  // torque_per_inertia J_load. Tied, the load follows it: at each row the twist moves towards the
+  // twist of that torque, with `damping` times the critical damping. Not tied (0), an error of one
+  // impact changes all later ones, and the error of a shaft with a gap is a rugged function of its
+  // keys.
+  struct Measured {
+    double torque = 0, torque_per_inertia = 0;  // Nm, rad/s2
+    bool known = false;
+  };
+  // `measured`: of each row.
+  void tie(std::span<const Measured> measured, double damping);
 
   // T_load of along_shaft().
   void along(const ShaftFacts& shaft, std::span<double> T_load) const;
@@ -36,7 +49,7 @@ class MotorSide {
   void portable(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const;
   void avx2(const ShaftFacts* shafts, std::size_t count, double* const* T_load) const;
 
-  double T_s_;
+  double T_s_, tie_ = 0;
   std::vector<Row> rows_;
   // Start of another stretch of time. The earlier motion of the load is unknown: it is assumed at
   // rest against the motor.

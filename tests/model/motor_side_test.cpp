@@ -36,10 +36,15 @@ std::vector<ShaftFacts> random_gaps(std::size_t count) {
   return shafts;
 }
 
-// A shaft does not depend on the shafts computed in the same register.
-TEST(MotorSide, SeveralShaftsAtOnceEqualEachAlone) {
+// A shaft does not depend on the shafts computed in the same register. `tied`: to a torque that
+// differs from that of all of them.
+void several_equal_each_alone(double tied) {
   const std::vector<OperatingPoint> record = swings(6000);
-  const MotorSide motor(record, load_behind_shaft({}, record), kStep_s);
+  MotorSide motor(record, load_behind_shaft({}, record), kStep_s);
+  std::vector<MotorSide::Measured> measured(record.size());
+  for (std::size_t k = 0; k < measured.size(); ++k)
+    measured[k] = {std::sin(record[k].t), 20 * std::cos(record[k].t), k % 7 != 0};
+  motor.tie(measured, tied);
   for (std::size_t count : {1, 2, 3, 4, 5, 11}) {
     std::vector<ShaftFacts> shafts = random_gaps(count);
     if (count > 4) {
@@ -54,6 +59,43 @@ TEST(MotorSide, SeveralShaftsAtOnceEqualEachAlone) {
       EXPECT_EQ(together[s], alone) << s << " of " << count;
     }
   }
+}
+
+TEST(MotorSide, SeveralShaftsAtOnceEqualEachAlone) {
+  several_equal_each_alone(0);
+}
+
+TEST(MotorSide, SeveralTiedShaftsAtOnceEqualEachAlone) {
+  several_equal_each_alone(0.1);
+}
+
+// A stiffness that is wrong by 2 per cent moves every impact, and each moves the next ones.
+TEST(MotorSide, ATiedLoadStaysNearTheMeasuredTorque) {
+  const std::vector<OperatingPoint> record = swings(20000);
+  const std::vector<double> behind(record.size());
+  const ShaftFacts truth{.J_load = 0.002, .stiffness = 200, .damping = 0.03, .gap = 0.02};
+  ShaftFacts wrong = truth;
+  wrong.stiffness *= 1.02;
+  MotorSide motor(record, behind, kStep_s);
+  std::vector<double> torque(record.size());
+  motor.along(truth, torque);
+  const auto error = [&] {
+    std::vector<double> with(record.size());
+    motor.along(wrong, with);
+    double sum = 0;
+    for (std::size_t k = 0; k < with.size(); ++k) sum += std::pow(with[k] - torque[k], 2);
+    return std::sqrt(sum / static_cast<double>(with.size()));
+  };
+  const double untied = error();
+  std::vector<MotorSide::Measured> measured(record.size());
+  // The measured torque may be known as a part in proportion to the load's inertia.
+  for (std::size_t k = 0; k < record.size(); ++k)
+    measured[k] = {torque[k] - 3 * wrong.J_load, 3, true};
+  motor.tie(measured, 0.1);
+  EXPECT_LT(error(), 0.3 * untied);
+  for (MotorSide::Measured& m : measured) m.known = false;
+  motor.tie(measured, 0.1);
+  EXPECT_EQ(error(), untied);
 }
 
 // The shafts of the test above lift off and land.

@@ -60,7 +60,7 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewCandidateIsADeadTime) {
 // Each of four reasons for a gap, alone, and just short of it.
 TEST(Selection, AGapTakesThePlaceOfAShaftForEachOfFourReasons) {
   constexpr double kMargin = 10, kGain = 1000;
-  const LeftByShaft shaft{.plain = 1, .pieces = 1, .held_out = 1};
+  const LeftByShaft shaft{.energy = 1, .pieces = 1, .held_out = 1};
   const auto gap = [&](LeftByShaft left, double more) {
     return is_gap(left, shaft, kGain, more, kMargin);
   };

@@ -49,6 +49,27 @@ TEST(TorqueOverSensors, LeavesOutWhatRowsLeaveOpenBetweenThem) {
   EXPECT_LT(torque_over_sensors(fitted.chain(), left, left.noise_torque), 1);
 }
 
+// Noise of the angle moves the impacts of a gap, which nothing excuses without limit.
+TEST(TorqueOverSensors, ImpactsAtOtherMomentsCountAsNoise) {
+  const FittedDrive fitted(
+      simulate_synthetic(
+          {.extra_load = [](double t, double, double) { return slow_torque(t); }, .counts = 16384}),
+      {});
+  const Sampled left = fitted.chain().residual({});
+  const auto over = [&](double times) {
+    return torque_over_sensors(fitted.chain(), left, left.noise_torque, times * left.noise_torque);
+  };
+  EXPECT_NEAR(over(1), over(0) / std::sqrt(2.0), 1e-3);
+  EXPECT_NEAR(over(100), over(0) / std::sqrt(1 + 9.0), 1e-3);
+  EXPECT_EQ(fitted.chain().impacts_noise({make_effect("cogging")}).size(), 0);
+  const auto gap = effect_with("backlash", {{"J_load_kgm2", 3e-3},
+                                            {"gap_rad", 0.02},
+                                            {"stiffness_Nm_rad", 600},
+                                            {"damping_Nms_rad", 0.45}});
+  const Eigen::VectorXd impacts = fitted.chain().impacts_noise({gap});
+  EXPECT_GT(impacts.norm(), 0);
+}
+
 TEST(TorqueOverSensors, IsNoneWithoutNoise) {
   const FittedDrive fitted(simulate_synthetic({}), {});
   const Sampled left = fitted.chain().residual({});
