@@ -279,6 +279,26 @@ class Settler {
     changed_ = true;
   }
 
+  // A drop of the switches whose threshold is too small is the slope alone: a resistance. The score
+  // does not decide it, because the drop's columns follow the noise around zero current.
+  void drop_threshold(std::size_t m) {
+    const DriveFacts& facts = fitter_.chain().equations().facts();
+    const Traits::Reading* slope = reading_of(*fit_.members[m], Traits::Reading::kItsSlope);
+    if (!slope || std::any_of(fit_.members.begin(), fit_.members.end(),
+                              [&](const auto& other) { return other->kind() == slope->kind; }))
+      return;
+    const std::shared_ptr<Effect> threshold = fit_.members[m]->clone();
+    set_key(*threshold, slope->keys.begin()->from, 0);
+    if (threshold->tracing().materiality(facts) >= 1) return;
+    Members members = with(fit_.members, nullptr);
+    members[m] = read_as(*members[m], *slope, facts).effect;
+    Fit alone = fitter_.refine(std::move(members), Fitter::Until::kArrived);
+    if (!alone.valid) return;
+    if (say_) say_(fmt::format("  a {} without a threshold", slope->kind));
+    fit_ = std::move(alone);
+    changed_ = true;
+  }
+
   void close_gap(std::size_t m) {
     Members members = with(fit_.members, nullptr);
     members[m] = read_as(*members[m], *reading_of(*members[m], Traits::Reading::kWithoutGap),
@@ -296,6 +316,7 @@ class Settler {
   void drop_immaterial() {
     const DriveFacts& facts = fitter_.chain().equations().facts();
     ShaftFacts shaft;
+    for (std::size_t m = 0; m < fit_.members.size(); ++m) drop_threshold(m);
     for (std::size_t m = 0; m < fit_.members.size();) {
       const Effect& member = *fit_.members[m];
       const bool small = member.tracing().materiality(facts) < 1,

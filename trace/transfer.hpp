@@ -23,6 +23,7 @@ struct Votes {
   double of_angle = 0;          // pooled fall that noise of the angle alone would make
   double beyond_angle = 1;      // ln of the further fall, mean over frequencies
   double over_noise = 1;        // energy without the claim, over that of the sensors' noise
+  double left_over_noise = 1;   // energy with the claim, over the same
   double least_over_noise = 1;  // that the claim needs
   // Projection of the residual without the claim on the change by the claim, over the standard
   // deviation of the same projection of the sensors' noise; 0: not used, because noise in the claim

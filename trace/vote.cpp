@@ -214,10 +214,11 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
           double silent) {
   const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
   bool of_voltage = false, of_torque = false;
-  double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0;
+  double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0, energy_with = 0;
   for (Channel channel : moved) {
     (channel == &Sampled::torque ? of_torque : of_voltage) = true;
     energy_without += judging.energy(without, channel);
+    energy_with += judging.energy(with, channel);
     noise_with += judging.energy(noise_of(with), channel);
     noise_without += judging.energy(noise_of(without), channel);
   }
@@ -241,7 +242,10 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
     vote.change_over_noise = change_over_noise(judging, with, without, moved);
     vote.along_beside_noise = along_beside_noise(judging, with, without, moved);
   }
-  if (noise_without > 0) vote.over_noise = energy_without / noise_without;
+  if (noise_without > 0) {
+    vote.over_noise = energy_without / noise_without;
+    vote.left_over_noise = energy_with / noise_without;
+  }
   if (is_free_of_noise(claim) && vote.over_noise < 1)
     vote.along_change = along_change(judging, with, without, moved);
   vote.steady_share = judging.steady_share(with, without, moved);

@@ -431,6 +431,19 @@ TEST(Transfer, WhereNoiseMayBeAllAClaimIsFurtherBeyondTheControllersAnswer) {
   }
 }
 
+// If a claim leaves less than the noise, it takes a part of that noise, and the answer with it.
+TEST(Transfer, AClaimThatLeavesLessThanTheNoiseIsFarBeyondTheControllersAnswer) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.9, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 2.4;
+  votes.along_beside_noise = 50;
+  votes.change_over_noise = 160;
+  for (const auto& [left, rule] : {std::pair(0.8, ""), std::pair(0.5, "sensors")}) {
+    votes.left_over_noise = left;
+    EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << left;
+  }
+}
+
 // But what stands far out of that noise along itself is one, however loud it makes the noise.
 TEST(Transfer, AChangeThatStandsFarOutOfTheNoiseIsAClaim) {
   Votes votes;

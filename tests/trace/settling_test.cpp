@@ -93,6 +93,21 @@ TEST(Settling, ASignificantButImmaterialEffectIsDropped) {
   expect_key(*members[0], "torque_Nm", 0.3, 0.01);
 }
 
+// The smallest threshold that is reported is 0.001 of the bus.
+TEST(Settling, ADropWithATinyThresholdIsAResistance) {
+  constexpr double kChange = 0.2;  // ohm
+  const auto kinds = [&](double share) {
+    const double loss_V = share * 1e-3 * servo().facts().v_dc;
+    const Members drop = {effect_with(
+        "inverter_drop",
+        {{"threshold_V", loss_V}, {"resistance_Ohm", kChange}, {"linear_current_A", 0.12}})};
+    return kinds_of(settled(
+        simulate_synthetic({.duration_s = 2, .R_extra = kChange, .loss_V = loss_V}), drop, drop));
+  };
+  EXPECT_EQ(kinds(0.1), Names{"resistance"});
+  EXPECT_EQ(kinds(3), Names{"inverter_drop"});
+}
+
 TEST(Settling, FrictionThatFallsAsAnExponentialIsOneEffect) {
   constexpr double kTorque = 0.2, kSpeed = 3;  // Nm, rad/s
   SyntheticDrive drive{.duration_s = 3, .slow = true};
