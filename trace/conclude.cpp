@@ -62,12 +62,18 @@ std::string shown_by_samples(const Effect& effect) {
 void from_samples(const DriveFacts& facts, const Health& health, const Considered& considered,
                   TraceResult& r) {
   r.health = health.lines();
-  const auto add = [&](const std::shared_ptr<const Effect>& effect) {
+  // Rows also repeat by chance if the converter is coarse, in ways that no count foresees: of 81
+  // drawn logs with one and no repeated row, three showed them.
+  std::string coarse;  // kind of the coarse converter, if there is one
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, Fault::Fault fault) {
     if (!considered(effect->kind())) return r.health.push_back(shown_by_samples(*effect));
     TracedEffect e{.effect = effect, .equation = "sensing"};
     e.parameters = traced_parameters(*effect, {});
     e.materiality = e.effect->tracing().materiality(facts);
     e.from_samples = true;
+    if (fault == Fault::kCoarseCurrents) coarse = effect->kind();
+    const bool repeated = fault == Fault::kStaleRows || fault == Fault::kHeldCurrents;
+    if (repeated && !coarse.empty()) e.aliases = {coarse};
     r.effects.push_back(std::move(e));
   };
   for (const std::string& kind : kinds_of(Traits::Family::kSamples)) {
@@ -78,7 +84,7 @@ void from_samples(const DriveFacts& facts, const Health& health, const Considere
       const auto effect = make_effect(kind);
       set_key(*effect, of.size_key, size);
       if (*of.choice_key) set_key(*effect, of.choice_key, of.position);
-      add(effect);
+      add(effect, of.fault);
     }
   }
 }
@@ -225,7 +231,8 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
     Ambiguity a{.kinds = {std::string(e.effect->kind())}};
     a.kinds.insert(a.kinds.end(), e.aliases.begin(), e.aliases.end());
     a.why = loose ? "the residual beside the shaft comes in bursts, like impacts in a gap"
-                  : "they explain this record equally well";
+            : e.from_samples ? "the values of a coarse converter also repeat by chance"
+                             : "they explain this record equally well";
     a.would_separate = what_separates(a.kinds);
     r.ambiguous.push_back(std::move(a));
   }

@@ -10,7 +10,7 @@
 namespace twinrate {
 namespace {
 
-constexpr double kCoarseMargin = 650;
+constexpr double kCoarseMargin = 100;
 constexpr double kLost = 0.01;  // share of lost rows that doubles the margin
 constexpr int kMostRounds = 8;  // of a noise model and a selection of one effect
 constexpr double kSame = 0.9;   // a noise level that fell by less counts as unchanged

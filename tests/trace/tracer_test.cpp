@@ -254,6 +254,22 @@ TEST(Tracer, ReportsADropAsAliasOfTheResistanceBesideADeadTime) {
   EXPECT_EQ(r.verdict, "ambiguous");
 }
 
+// A coarse converter repeats its values by chance.
+TEST(Tracer, RepeatedCurrentsOfACoarseConverterMayBeChance) {
+  const auto aliases_at = [](double lsb) {
+    RawLog raw = simulate_synthetic({.duration_s = 3, .i_noise = 0.05, .lsb = lsb});
+    for (std::size_t k = 50; k < raw.size(); k += 12)
+      for (std::vector<double>* i : {&raw.i_a, &raw.i_b, &raw.i_c})
+        if (!i->empty()) (*i)[k] = (*i)[k - 1];
+    const TraceResult r = trace_of(raw);
+    for (const TracedEffect& e : r.effects)
+      if (e.effect->kind() == "stale_samples") return e.aliases;
+    return Names{"not found"};
+  };
+  EXPECT_EQ(aliases_at(0.05), Names{"adc_quantisation"});
+  EXPECT_EQ(aliases_at(0.01), Names{});
+}
+
 // With the coarser three, a load would be found if the threshold did not rise for fewer steps.
 TEST(Tracer, FewStepsOfACoarseConverterAreNoEffect) {
   const auto expect_steps = [](std::uint64_t seed, double lsb) {
