@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "model/effects/catalogue.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 
@@ -15,6 +16,7 @@ constexpr std::size_t kMostAliases = 5;
 constexpr double kAliasShare = 0.02;  // or than this share of the gain; for a faint gain more,
 constexpr double kAliasShareNoisy = 0.15,
                  kAliasGainNoisy = 300;  // because the residual is not all noise
+constexpr double kMostOfIt = 0.5;        // of the gain of a step at an edge of the record
 constexpr double kParameterPrice =
     60;  // score: below it, the price of a parameter or two decides nothing
 
@@ -111,6 +113,19 @@ bool near(double a, double b, double unlike_noise) {
                            std::min(kAliasShareNoisy * b, kAliasGainNoisy * unlike_noise)});
 }
 
+// True for a step of the load that has hardly a record before it, or after it: what tells it from a
+// load that is present all the time are a few rows, on which an angle may stay at one place in its
+// count. By design: a tenth is two of the 24 blocks, and less than one that judges.
+bool begins_at_an_edge(const Record& record, const Effect& effect) {
+  constexpr double kEdge = 0.1;  // of the rows
+  if (!is_placed(effect, Traits::Place::kMoment) || record.t.empty()) return false;
+  const auto before =
+      std::lower_bound(record.t.begin(), record.t.end(), get_key(effect, "time_s")) -
+      record.t.begin();
+  const double share = static_cast<double>(before) / static_cast<double>(record.t.size());
+  return std::min(share, 1 - share) < kEdge;
+}
+
 }  // namespace
 
 void take_parameters(const Fitter& fitter, const Fit& fit, std::size_t m, TracedEffect& e) {
@@ -136,8 +151,10 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);
   };
   const bool faulty = is_faulty(rows, fit, e.equation);
+  const bool at_edge = begins_at_an_edge(fitter.chain().equations().record(), effect);
   const auto as_much = [&](const Alternative& a) {
     return near(explains(a), s.score_gain, fitter.margin() / Fitter::kMargin) ||
+           (at_edge && explains(a) > kMostOfIt * s.score_gain) ||
            (faulty && a.held_out_gain > (1 - kFaultyShare) * s.held_out_gain);
   };
   for (const Alternative& a : s.alternatives)

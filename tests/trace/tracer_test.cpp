@@ -254,6 +254,20 @@ TEST(Tracer, ReportsADropAsAliasOfTheResistanceBesideADeadTime) {
   EXPECT_EQ(r.verdict, "ambiguous");
 }
 
+// Hardly any rows tell a step near the beginning from a load that is present all the time.
+TEST(Tracer, AStepNearTheBeginningMayBeAConstantLoad) {
+  const auto aliases_at = [](double time_s) {
+    const TraceResult r = trace_of(simulate_synthetic(
+        {.extra_load = [=](double t, double, double) { return t < time_s ? 0 : 0.03; }}));
+    for (const TracedEffect& e : r.effects)
+      if (e.effect->kind() == "load_step") return e.aliases;
+    return Names{"not found"};
+  };
+  const Names early = aliases_at(0.4);
+  EXPECT_EQ(std::count(early.begin(), early.end(), "constant_load"), 1);
+  EXPECT_EQ(aliases_at(2.5), Names{});
+}
+
 // A coarse converter repeats its values by chance.
 TEST(Tracer, RepeatedCurrentsOfACoarseConverterMayBeChance) {
   const auto aliases_at = [](double lsb) {
