@@ -70,8 +70,22 @@ PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
   return {beta, part.energy - 2 * beta.dot(part.b) + beta.dot(part.A * beta)};
 }
 
+namespace {
+
+bool mostly_noise(const PartSums& part, const std::vector<char>& own) {
+  double noise = 0, all = 0;
+  for (std::size_t p = 0; p < own.size(); ++p) {
+    const auto column = static_cast<Eigen::Index>(p);
+    if (own[p]) noise += part.noise[column], all += part.A(column, column);
+  }
+  return 2 * noise > all;
+}
+
+}  // namespace
+
 void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
                    double least, const char* between, Agreement& out) {
+  if (mostly_noise(from, own) || mostly_noise(on, own)) return;
   const std::vector<char> none(own.size(), 0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(on.b.size());
   const PartAnswer there = best_answer(from, none, zero), here = best_answer(on, none, zero),
@@ -134,11 +148,13 @@ PartSums::PartSums(const MemberColumns& columns, const Rows& rows) {
   const auto P = static_cast<Eigen::Index>(columns.x.size());
   A.resize(P, P);
   b.resize(P);
+  noise.resize(P);
   for (Eigen::Index a = 0; a < P; ++a) {
     const Sampled& x = columns.x[static_cast<std::size_t>(a)];
     for (Eigen::Index c = 0; c <= a; ++c)
       A(a, c) = A(c, a) = rows.energy(x, columns.x[static_cast<std::size_t>(c)]).sum();
     b[a] = rows.energy(x, columns.declared).sum();
+    noise[a] = rows.noise(x, x).sum();
   }
   energy = rows.energy(columns.declared, columns.declared).sum();
   count = static_cast<double>(rows.count(columns.declared));
@@ -147,6 +163,7 @@ PartSums::PartSums(const MemberColumns& columns, const Rows& rows) {
 PartSums::PartSums(const Eigen::MatrixXd& x, const Eigen::VectorXd& y)
     : A(x.transpose() * x),
       b(x.transpose() * y),
+      noise(Eigen::VectorXd::Zero(x.cols())),
       energy(y.squaredNorm()),
       count(static_cast<double>(y.size())) {}
 
@@ -154,6 +171,7 @@ PartSums PartSums::operator+(const PartSums& other) const {
   PartSums sum = *this;
   sum.A += other.A;
   sum.b += other.b;
+  sum.noise += other.noise;
   sum.energy += other.energy;
   sum.count += other.count;
   return sum;

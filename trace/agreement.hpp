@@ -21,10 +21,10 @@ struct MemberColumns {
 MemberColumns member_columns(const Chain& chain, const Members& members, bool in_sensors);
 
 // Sums of products over the rows of a part: columns with columns, and columns with the residual of
-// the declared model. No noise is subtracted.
+// the declared model. No noise is subtracted. `noise`: its share of the diagonal of A.
 struct PartSums {
   Eigen::MatrixXd A;
-  Eigen::VectorXd b;
+  Eigen::VectorXd b, noise;
   double energy = 0, count = 0;
 
   PartSums(const MemberColumns& columns, const Rows& rows);
@@ -50,7 +50,9 @@ PartAnswer best_answer(const PartSums& part, const std::vector<char>& held,
                        const Eigen::VectorXd& given);
 // Fits `from`, applies the coefficients of the claim to `on`, and adds to `out` the share of the
 // gain on `on` that they keep. `own`: the coefficients of the claim. `least`: a gain below this
-// multiple of the mean square of the error does not count.
+// multiple of the mean square of the error does not count. A part in which noise makes most of the
+// claim's columns has no coefficients of the claim to compare: a constant speed says nothing of an
+// inertia.
 void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
                    double least, const char* between, Agreement& out);
 

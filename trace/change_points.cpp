@@ -238,6 +238,9 @@ class Search {
       return std::nullopt;
     const Effects one = before.effects(), two = behind.effects();
     if (one.empty() && two.empty()) return std::nullopt;
+    for (const Effects* effects : {&one, &two})
+      for (const Part* part : {&before, &behind})
+        if (turns_too_fast(*effects, *part)) return std::nullopt;
     const Contest contest(record_, drive_, one, two, behind.first);
     const Contest::Side first = contest.better(false, before.first, before.end, held_out_),
                         second = contest.better(true, behind.first, behind.end, held_out_);
@@ -255,6 +258,23 @@ class Search {
                   .first = from,
                   .end = to + 1};
     return change;
+  }
+
+  // True if an effect passes its periods faster, in half of the moving rows of a part, than the rows
+  // resolve. They show its alias there, which differs from the effect on slower rows.
+  bool turns_too_fast(const Effects& effects, const Part& p) const {
+    constexpr double kResolved = 0.25;  // periods a row: by design, their mean is 0.9 of the value
+    std::vector<double> turned;         // from row to row
+    for (std::size_t k = p.first + 1; k < p.end; ++k)
+      if (record_.motion_ok[k])
+        turned.push_back(std::abs(record_.theta_m[k] - record_.theta_m[k - 1]) / kTwoPi);
+    if (turned.empty()) return false;
+    const auto middle = turned.begin() + static_cast<std::ptrdiff_t>(turned.size() / 2);
+    std::nth_element(turned.begin(), middle, turned.end());
+    return std::any_of(effects.begin(), effects.end(), [&](const auto& effect) {
+      const std::string_view key = effect->tracing().traits().period.order_key;
+      return !key.empty() && get_key(*effect, std::string(key)) * *middle > kResolved;
+    });
   }
 
   // True if either side explains its rows better than the effects of the whole record do (a load
