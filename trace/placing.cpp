@@ -15,6 +15,7 @@ constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
 // Damping of the load by the measured torque (MotorSide::tie), one after the other. By design: the
 // first holds the load through the impacts of the wildest drawn log, the last does not act.
 constexpr double kTies[] = {0.1, 0.03, 0.01, 0.003, 0};
+constexpr std::size_t kFirstTies = 3;   // of them, from which a search begins
 constexpr double kNearShaft = 1.15;     // error of a gap over that of the shaft: above it, none
 constexpr double kHopeless = 1.5;       // times the best error: points above it are dropped
 constexpr double kFirstStep = 0.15;     // change of the logarithm of a key
@@ -205,10 +206,10 @@ std::optional<Fit> search_backlash(const Fitter& fitter, const Fit& now, const E
   const ShaftSearch untied(fitter.chain(), now.members, ShaftSearch::Inertia::kFree);
   const std::vector<Grid> grids =
       grids_of_gaps(shaft, fitter.chain().equations().facts().machine.J);
-  // Which tie the noise of the measured torque allows is not known before, so each is the first
+  // Which tie the noise of the measured torque allows is not known before, so several are the first
   // once.
   ShaftSearch::Points ends;
-  for (std::size_t first = 0; first < std::size(kTies); ++first) {
+  for (std::size_t first = 0; first < kFirstTies; ++first) {
     const ShaftSearch search = untied.tied(kTies[first]);
     ShaftSearch::Points starts;
     for (const Grid& grid : grids)
