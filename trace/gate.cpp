@@ -20,6 +20,7 @@
 namespace twinrate {
 namespace {
 
+constexpr double kDrawn = 1.5;  // factor of energy: the drawn noise is known to about a third
 // The controller responds to noise late, and its drawn response has another delay. Without a true
 // lag the rows have 3.6 to 20,000 times the energy of the noise (nine drawn logs), without a false
 // one 1.4 to 2.5 times (five).
@@ -130,7 +131,14 @@ Gate::Asked Gate::ask(const Fit& fit) const {
     }
     asked.votes.push_back(vote(judging, with, left, angle, *fit.members[m], through_zone,
                                in_sensors, criterion_.silent));
-    if (is_of(*fit.members[m], Traits::Family::kLag)) asked.votes.back().least_over_noise = kOfLag;
+    Vote& newest = asked.votes.back();
+    if (is_of(*fit.members[m], Traits::Family::kLag)) {
+      newest.least_over_noise = kOfLag;
+      newest.least_because = "the controller responds to the noise with a delay";
+    } else if (in_sensors && newest.of_torque) {
+      newest.least_over_noise = kDrawn;
+      newest.least_because = "a lighter motor makes that noise smaller, and its size is drawn";
+    }
     asked.without_fit.push_back(std::move(without));
   }
   return asked;

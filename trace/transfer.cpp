@@ -56,8 +56,8 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
         v.over_noise,
         fmt::format(
             "without it the held-out rows have {:.2g} times the energy of the sensor noise; {:.2g} "
-            "is required, because the controller responds to the noise with a delay",
-            v.over_noise, v.least_over_noise));
+            "is required, because {}",
+            v.over_noise, v.least_over_noise, v.least_because));
   // The response of a loop with coarse counts is known to a factor of about five (amplitude). A
   // claim far above the noise along its change is not refused all the same: in 29 drawn logs with a
   // claim refused as noise, false ones reach 70 deviations, and true ones 282 and 1010.

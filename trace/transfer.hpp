@@ -25,6 +25,7 @@ struct Votes {
   double over_noise = 1;        // energy without the claim, over that of the sensors' noise
   double left_over_noise = 1;   // energy with the claim, over the same
   double least_over_noise = 1;  // that the claim needs
+  const char* least_because = "";
   // Projection of the residual without the claim on the change by the claim, over the standard
   // deviation of the same projection of the sensors' noise; 0: not used, because noise in the claim
   // itself could make it.
