@@ -74,6 +74,11 @@ std::string another_machine(const Effect& effect, const DriveFacts& facts, doubl
   return plausible(effect, facts) ? "" : "it is larger than a running drive can lack";
 }
 
+// True for a kind that changes the inertia at the motor.
+bool changes_inertia(const Effect& effect) {
+  return is_shaft(effect) || is_of(effect, Traits::Family::kInertia);
+}
+
 }  // namespace
 
 std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& m) {
@@ -81,11 +86,6 @@ std::pair<double, const char*> least_left(const Effect& effect, const MachinePar
   for (const Left& left : left_of(effect, m))
     if (left.share < least.first) least = {left.share, left.name};
   return least;
-}
-
-// True for a kind that changes the inertia at the motor.
-static bool changes_inertia(const Effect& effect) {
-  return is_shaft(effect) || is_of(effect, Traits::Family::kInertia);
 }
 
 struct Gate::Asked {

@@ -88,8 +88,9 @@ ShaftSearch::ShaftSearch(const Chain& chain, const Members& now, Inertia inertia
       outputs_.push_back(static_cast<Eigen::Index>(n));
   }
   const Sampled left = chain.residual({now.begin(), now.end()});
-  const Eigen::VectorXd& acceleration =
-      chain.remembered_columns(*make_of(Traits::Family::kInertia))->front().torque;
+  const Chain::Columns of_inertia =
+      chain.remembered_columns(*make_of(Traits::Family::kInertia));  // keeps them alive
+  const Eigen::VectorXd& acceleration = of_inertia->front().torque;
   measured_ = measured_torque(chain, left.torque, acceleration, all_, motor_.rows());
   now_ = in_sensors(left.torque);
   if (left.noise_torque.size() > 0)
