@@ -431,6 +431,27 @@ TEST(Transfer, WhereNoiseMayBeAllAClaimIsFurtherBeyondTheControllersAnswer) {
   }
 }
 
+// At a constant speed the column of an inertia is noise, and its coefficient says nothing.
+TEST(Agreement, APartInWhichAClaimIsMostlyNoiseIsNotCompared) {
+  Eigen::MatrixXd x(200, 1);
+  for (Eigen::Index k = 0; k < x.rows(); ++k) x(k, 0) = std::sin(0.1 * static_cast<double>(k));
+  const Eigen::VectorXd small = Eigen::VectorXd::Constant(x.rows(), 1e-3), y = x.col(0) + small;
+  const PartSums part(x, y), opposite(x, small - x.col(0));
+  PartSums noisy = opposite;
+  const auto compared = [&](const PartSums& from, const PartSums& on) {
+    Agreement out;
+    compare_parts(from, on, {1}, 16, "two parts", out);
+    return std::pair(out.compared, out.kept);
+  };
+  EXPECT_EQ(compared(opposite, part).first, 1);
+  EXPECT_LT(compared(opposite, part).second, 0);
+  noisy.noise[0] = 0.4 * noisy.A(0, 0);
+  EXPECT_EQ(compared(noisy, part).first, 1);
+  noisy.noise[0] = 0.6 * noisy.A(0, 0);
+  EXPECT_EQ(compared(noisy, part).first, 0);
+  EXPECT_EQ(compared(part, noisy).first, 0);
+}
+
 // If a claim leaves less than the noise, it takes a part of that noise, and the answer with it.
 TEST(Transfer, AClaimThatLeavesLessThanTheNoiseIsFarBeyondTheControllersAnswer) {
   Votes votes;
