@@ -11,7 +11,8 @@
 //   proof       each side is traced alone (its claims pass the gate there). On rows that no fit has
 //               read, the error under S_1 is smaller before the moment and the error under S_2 is
 //               smaller after it, both by Wilcoxon's signed-rank test over pieces. Otherwise no
-//               change is reported
+//               change is reported. Neither is one if an effect passes its period too fast for the
+//               rows of a side, which then show an alias
 //   date        t = argmin_t sum_{k < t} e_1^2 + sum_{k >= t} e_2^2, with e not whitened, because
 //               whitening would spread a step. Its range is where the sum is within kLikely of the
 //               minimum, in units of the noise's square, plus the reach of the low-pass. Both sides

@@ -62,8 +62,9 @@ std::string shown_by_samples(const Effect& effect) {
 void from_samples(const DriveFacts& facts, const Health& health, const Considered& considered,
                   TraceResult& r) {
   r.health = health.lines();
-  // Rows also repeat by chance if the converter is coarse, in ways that no count foresees: of 81
-  // drawn logs with one and no repeated row, three showed them.
+  // The values of a coarse converter also repeat by chance, more often than the counts of
+  // held_currents.hpp assume: of 81 drawn logs with such a converter, three named repeated rows
+  // that the drive did not have.
   std::string coarse;  // kind of the coarse converter, if there is one
   const auto add = [&](const std::shared_ptr<const Effect>& effect, Fault::Fault fault) {
     if (!considered(effect->kind())) return r.health.push_back(shown_by_samples(*effect));

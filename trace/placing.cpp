@@ -137,6 +137,11 @@ ShaftSearch::Points loosened(const ShaftSearch& untied, ShaftSearch::Points poin
   return points;
 }
 
+// The torque after the filter that whitens the noise of the sensors.
+Eigen::VectorXd in_sensors(const Fitter& fitter, const Eigen::VectorXd& torque) {
+  return fitter.chain().noise().sensors(torque, fitter.chain().sampler().torque());
+}
+
 }  // namespace
 
 std::shared_ptr<Effect> placed(const Fitter& fitter, const Fit& now,
@@ -253,10 +258,6 @@ bool rings(const Effect& effect) {
   if (!effect.describe_shaft(s)) return true;
   return std::sqrt(s.stiffness / s.J_load) < kTwoPi * highest &&
          s.damping < 2 * kMostDamping * std::sqrt(s.stiffness * s.J_load);
-}
-
-Eigen::VectorXd in_sensors(const Fitter& fitter, const Eigen::VectorXd& torque) {
-  return fitter.chain().noise().sensors(torque, fitter.chain().sampler().torque());
 }
 
 double torque_energy(const Fitter& fitter, const Fit& fit) {
