@@ -9,7 +9,6 @@
 #include "model/frames.hpp"
 #include "model/random.hpp"
 #include "tests/trace/fitted_drive.hpp"
-#include "trace/agreement.hpp"
 #include "trace/fall.hpp"
 #include "trace/statistics.hpp"
 #include "trace/transfer.hpp"
@@ -123,16 +122,6 @@ TEST(Gate, ASizeWithinChanceIsNoneAndAGivenOneIsNotAsked) {
   const double sigma = std::hypot(c[0], c[1]) / 0.85;
   EXPECT_EQ(joint_wald(fit, sigma * sigma * Eigen::Matrix2d::Identity(), 0), 0.0);
   EXPECT_EQ(joint_wald(fit, Eigen::Matrix2d::Zero(), 0), std::nullopt);
-}
-
-// Of two offsets only the difference shows: 1 and 0 predict what 6 and 5 do, and twice what 5.5 and 5 do.
-TEST(Gate, SizesAreComparedInWhatTheyPredict) {
-  Eigen::Matrix2d A;
-  A << 1, -1, -1, 1;
-  const Eigen::Vector2d one(1, 0);
-  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(6, 5)), 1);
-  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(5.5, 5)), 0.5);
-  EXPECT_DOUBLE_EQ(predicted_ratio(A, one, Eigen::Vector2d(5, 6)), -1);
 }
 
 // A dead time of which only the quotient by its zone of currents is known is not zero.
@@ -429,27 +418,6 @@ TEST(Transfer, WhereNoiseMayBeAllAClaimIsFurtherBeyondTheControllersAnswer) {
     votes.change_over_noise = times;
     EXPECT_EQ(refused_by_transfer({votes}, {}, {}).front().rule, rule) << times;
   }
-}
-
-// At a constant speed the column of an inertia is noise, and its coefficient says nothing.
-TEST(Agreement, APartInWhichAClaimIsMostlyNoiseIsNotCompared) {
-  Eigen::MatrixXd x(200, 1);
-  for (Eigen::Index k = 0; k < x.rows(); ++k) x(k, 0) = std::sin(0.1 * static_cast<double>(k));
-  const Eigen::VectorXd small = Eigen::VectorXd::Constant(x.rows(), 1e-3), y = x.col(0) + small;
-  const PartSums part(x, y), opposite(x, small - x.col(0));
-  PartSums noisy = opposite;
-  const auto compared = [&](const PartSums& from, const PartSums& on) {
-    Agreement out;
-    compare_parts(from, on, {1}, 16, "two parts", out);
-    return std::pair(out.compared, out.kept);
-  };
-  EXPECT_EQ(compared(opposite, part).first, 1);
-  EXPECT_LT(compared(opposite, part).second, 0);
-  noisy.noise[0] = 0.4 * noisy.A(0, 0);
-  EXPECT_EQ(compared(noisy, part).first, 1);
-  noisy.noise[0] = 0.6 * noisy.A(0, 0);
-  EXPECT_EQ(compared(noisy, part).first, 0);
-  EXPECT_EQ(compared(part, noisy).first, 0);
 }
 
 // If a claim leaves less than the noise, it takes a part of that noise, and the answer with it.
