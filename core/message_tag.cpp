@@ -7,12 +7,14 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <stdexcept>
 
 #include "core/config.hpp"
 #include "core/lcm_socket.hpp"
+#include "core/output_file.hpp"
 
 namespace twinrate {
 namespace {
@@ -44,22 +46,24 @@ Token read_token(const std::string& path) {
   return token;
 }
 
+// Written under another name: who finds the file finds the whole token.
 TokenFile::TokenFile(std::string path) : path_(std::move(path)) {
   if (sodium_init() < 0) throw std::runtime_error("libsodium cannot be initialised");
-  const FileDescriptor file(
-      open(path_.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, S_IRUSR | S_IWUSR));
-  if (file.get() < 0 && errno == EEXIST) throw BadInput(path_ + ": exists and is not overwritten");
   Token token{};
   randombytes_buf(token.data(), token.size());
   std::array<char, kHexDigits + 1> text{};
   sodium_bin2hex(text.data(), text.size(), token.data(), token.size());
   text.back() = '\n';
-  if (file.get() < 0 ||
-      write(file.get(), text.data(), text.size()) != static_cast<ssize_t>(text.size())) {
-    const int why = errno;
-    if (file.get() >= 0) unlink(path_.c_str());
-    throw std::runtime_error(fmt::format("{}: cannot be written: {}", path_, std::strerror(why)));
-  }
+  std::string part = path_ + ".XXXXXX";
+  const FileDescriptor file(mkostemp(part.data(), O_CLOEXEC));  // mode 0600
+  if (file.get() >= 0 &&
+      write(file.get(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+      rename_to_free_name(part, path_))
+    return;
+  const int why = errno;
+  if (file.get() >= 0) unlink(part.c_str());
+  if (why == EEXIST) throw BadInput(path_ + ": exists and is not overwritten");
+  throw std::runtime_error(fmt::format("{}: cannot be written: {}", path_, std::strerror(why)));
 }
 
 TokenFile::~TokenFile() {

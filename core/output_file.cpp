@@ -24,7 +24,8 @@ bool create_exclusively(const std::string& path) {
   return file >= 0;
 }
 
-// Renames `from`; false, with errno set, if that fails or `to` exists.
+}  // namespace
+
 bool rename_to_free_name(const std::string& from, const std::string& to) {
   if (renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return true;
   if (errno != EINVAL && errno != ENOSYS) return false;
@@ -35,8 +36,6 @@ bool rename_to_free_name(const std::string& from, const std::string& to) {
   }
   return std::rename(from.c_str(), to.c_str()) == 0;
 }
-
-}  // namespace
 
 bool name_is_taken(const std::string& path) {
   std::error_code error;

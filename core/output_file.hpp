@@ -12,6 +12,9 @@ bool name_is_taken(const std::string& path);
 // plain file.
 void expect_free(const std::string& path, bool force);
 
+// Renames `from`; false, with errno set, if that fails or `to` exists.
+bool rename_to_free_name(const std::string& from, const std::string& to);
+
 // Creates an empty file. Throws BadInput if the name is taken or cannot be one,
 // std::runtime_error if the disk is full.
 void create_new(const std::string& path);

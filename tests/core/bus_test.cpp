@@ -6,8 +6,10 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <deque>
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "core/output_file.hpp"
 #include "core/process.hpp"
@@ -254,6 +256,25 @@ TEST_F(Tagged, ATokenIsReadFromItsOwnersFileAlone) {
   write_new(none, "not a token\n");
   std::filesystem::permissions(none, std::filesystem::perms::owner_read);
   EXPECT_THROW(read_token(none), BadInput);
+}
+
+TEST_F(Tagged, WhoFindsTheFileFindsTheWholeToken) {
+  constexpr int kFiles = 200;
+  const auto path = [&](int i) { return (directory_ / std::to_string(i)).string(); };
+  std::thread reader([&] {
+    for (int i = 0; i < kFiles; ++i) {
+      while (!std::filesystem::exists(path(i))) {
+      }
+      EXPECT_NO_THROW(read_token(path(i))) << i;
+    }
+  });
+  {
+    std::deque<TokenFile> files;
+    for (int i = 0; i < kFiles; ++i) files.emplace_back(path(i));
+    reader.join();
+  }
+  const std::filesystem::directory_iterator files(directory_);
+  EXPECT_EQ(std::distance(begin(files), end(files)), 1) << "the token of this test";
 }
 
 // Without a session: in a launched set the plant decides on the tick.
