@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <mutex>
+#include <set>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/contest.hpp"
@@ -129,7 +130,7 @@ class Search {
       if (end < whole.first + least || first + least > whole.end) return {};
       sides = both_traced({whole.first, end}, {first, whole.end});
       change = proven(sides.front(), sides.back(), whole);
-      if (!change) return {};
+      if (!change || differ_by_a_load(sides.front().effects(), sides.back().effects())) return {};
       end = change->first, first = change->end;
     }
     changes_.push_back(*change);
@@ -464,6 +465,15 @@ TraceResult together(std::vector<Part> parts, const std::vector<Change>& changes
 }
 
 }  // namespace
+
+bool differ_by_a_load(const Effects& one, const Effects& two) {
+  std::array<std::multiset<std::string_view>, 2> loads, others;
+  for_each_index(2, [&](std::size_t side) {
+    for (const auto& effect : side == 0 ? one : two)
+      (is_of(*effect, Traits::Family::kLoad) ? loads : others)[side].insert(effect->kind());
+  });
+  return others[0] == others[1] && (others[0].empty() || loads[0] != loads[1]);
+}
 
 TraceResult trace_with_changes(const Record& record, const DriveConfig& drive, const Health& health,
                                const TraceSettings& settings, std::vector<char> held_out) {

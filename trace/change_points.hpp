@@ -12,7 +12,8 @@
 //               read, the error under S_1 is smaller before the moment and the error under S_2 is
 //               smaller after it, both by Wilcoxon's signed-rank test over pieces. Otherwise no
 //               change is reported. Neither is one if an effect passes its period too fast for the
-//               rows of a side, which then show an alias
+//               rows of a side, which then show an alias, or if one side differs by a load alone: a
+//               load step of the whole record
 //   date        t = argmin_t sum_{k < t} e_1^2 + sum_{k >= t} e_2^2, with e not whitened, because
 //               whitening would spread a step. Its range is where the sum is within kLikely of the
 //               minimum, in units of the noise's square, plus the reach of the low-pass. Both sides
@@ -34,6 +35,9 @@ struct Change {
   std::string file;                      // set if there are several
   std::size_t first = 0, end = 0;        // rows of that range
 };
+
+// True if both sides are the same but for loads, by their kinds.
+bool differ_by_a_load(const Effects& one, const Effects& two);
 
 // As trace_record(). If the drive changes within the record, the result is that of the longest
 // part: errors, pictures and stop-gaps are those of that part, and its effects have from_s and to_s

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "model/effects/registry.hpp"
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/consistency.hpp"
 #include "trace/keys.hpp"
@@ -62,6 +63,17 @@ TEST(ChangePoints, WhatActsThroughoutHasNoDate) {
   EXPECT_TRUE(r.changes.empty()) << r.sentence;
   ASSERT_TRUE(find(r, "coulomb_friction")) << r.sentence;
   EXPECT_FALSE(find(r, "coulomb_friction")->only_in_part);
+}
+
+TEST(ChangePoints, ALoadOfOneSideAloneIsALoadStep) {
+  const Effects none, load = {make_constant_load()}, friction = {make_coulomb_friction()},
+                      both = {make_coulomb_friction(), make_constant_load()};
+  EXPECT_TRUE(differ_by_a_load(none, load));
+  EXPECT_TRUE(differ_by_a_load(both, friction));
+  EXPECT_FALSE(differ_by_a_load(none, friction));
+  EXPECT_FALSE(differ_by_a_load(load, friction));
+  EXPECT_TRUE(differ_by_a_load(load, load)) << "of another size";
+  EXPECT_FALSE(differ_by_a_load(both, both)) << "either may have changed";
 }
 
 // At one speed and load, a winding that warms: neither another resistance from some moment on, nor the inductance of
