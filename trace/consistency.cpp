@@ -82,6 +82,8 @@ double quantile(std::vector<double> x, double share) {
   return *at;
 }
 
+constexpr double kNearly = 0.999;  // quantile in place of the largest value: an outlier is no unit
+
 std::vector<double> sizes(const std::vector<Vec2>& x) {
   std::vector<double> out;
   out.reserve(x.size());
@@ -92,10 +94,9 @@ std::vector<double> sizes(const std::vector<Vec2>& x) {
 // Checks without an equation: the bus, the speed against the angle.
 std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
                                      const DriveFacts& facts) {
-  constexpr double kNearly = 0.999, kOutOfReach = 1.15, kFarCurrent = 30;
+  constexpr double kOutOfReach = 1.15;
   std::vector<Inconsistency> found;
   const double bus = quantile(record.v_dc, 0.5), u = quantile(sizes(record.u_alphabeta), kNearly);
-  const double i = quantile(sizes(record.i_alphabeta), kNearly);
   if (!record.v_dc.empty() && bus < 0)
     found.push_back({"v_dc", "above 0 V", fmt::format("{:.4g} V", bus), "its sign?"});
   if (facts.v_dc > 0 && bus > 100 * facts.v_dc)
@@ -110,10 +111,7 @@ std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
     found.push_back({"t", fmt::format("rows of at most {:.3g} s", kSlowestRow_s),
                      fmt::format("rows every {:.3g}", record.T_s),
                      record.T_s > 1e3 * kSlowestRow_s ? "microseconds?" : "milliseconds?"});
-  const double rated = facts.machine.i_rated;
-  if (rated > 0 && i > kFarCurrent * rated)
-    found.push_back({"i", fmt::format("up to some {:.3g} A (rated)", rated),
-                     fmt::format("{:.3g}", i), "milliamperes?"});
+  if (auto far = far_current(sizes(record.i_alphabeta), facts)) found.push_back(*std::move(far));
   constexpr double kSame = 0.03;
   const auto speed = [&](double scale) { return std::abs(health.speed_scale / scale - 1) < kSame; };
   const char* hint = speed(60 / kTwoPi)                                  ? "rpm?"
@@ -128,6 +126,14 @@ std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
 }
 
 }  // namespace
+
+std::optional<Inconsistency> far_current(std::vector<double> sizes, const DriveFacts& facts) {
+  constexpr double kFar = 30;
+  const double rated = facts.machine.i_rated, i = quantile(std::move(sizes), kNearly);
+  if (rated <= 0 || i <= kFar * rated) return {};
+  return Inconsistency{"i", fmt::format("up to some {:.3g} A (rated)", rated),
+                       fmt::format("{:.3g}", i), "milliamperes?"};
+}
 
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts) {

@@ -7,6 +7,7 @@
 // whose rotor frame does not fit is read with other angles and other orders of the phases. If one
 // of these readings fits, it is named.
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ namespace twinrate {
 // `encoder_counts`: of the drive file; 0: unknown. Empty: the log and the drive file agree.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
+// Of currents that are far above the rated one; `sizes`: of each row, A.
+std::optional<Inconsistency> far_current(std::vector<double> sizes, const DriveFacts& facts);
 // The reason why the sign of the motor's torque is open; empty: it is known. Currents of the other
 // sign, another order of the phases and an angle turned by half a turn make a motor seem to brake.
 // If the speed is held and the currents are too small to show in the voltage, the log does not

@@ -6,6 +6,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "model/frames.hpp"
+#include "trace/consistency.hpp"
 #include "trace/fall.hpp"
 #include "trace/holding_gate.hpp"
 #include "trace/measured_result.hpp"
@@ -278,6 +279,16 @@ TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFa
 
 TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFacts& facts,
                             const PositionSettings& settings) {
+  for (const PositionLog& log : logs) {
+    std::vector<double> sizes;
+    for (const double i_q : log.i_q) sizes.push_back(std::abs(i_q));
+    const std::optional<Inconsistency> far = far_current(std::move(sizes), facts);
+    if (!far) continue;
+    TraceResult r = inconsistent_result({*far}, {});
+    for (const PositionLog& read : logs)
+      (read.held_out ? r.held_out_sources : r.sources).push_back(read.path);
+    return r;
+  }
   TraceResult r = trace_considered(logs, facts, settings);
   tell_excluded(settings.considered, r);
   return r;

@@ -181,6 +181,18 @@ TEST(Positions, AnUnexplainedResidualIsNotNothingMissing) {
   EXPECT_EQ(trace(quiet).verdict, "nothing_missing");
 }
 
+TEST(Positions, CurrentsInMilliamperesAreNoneOfThisDrive) {
+  MachineParameters known = machine();
+  known.i_rated = 0.5;
+  PositionLog log = sweep({});
+  EXPECT_NE(trace_positions({log}, {.machine = known, .v_dc = 24}).verdict, "inconsistent");
+  for (double& i_q : log.i_q) i_q *= 1e3;
+  const TraceResult r = trace_positions({log}, {.machine = known, .v_dc = 24});
+  EXPECT_EQ(r.verdict, "inconsistent");
+  EXPECT_NE(r.sentence.find("milliamperes?"), std::string::npos) << r.sentence;
+  EXPECT_TRUE(r.effects.empty());
+}
+
 TEST(HoldingTorque, OneWayLeavesFrictionUnnamed) {
   const PositionLog log = sweep({}, false);
   const std::vector<const PositionLog*> logs{&log};
