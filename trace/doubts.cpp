@@ -115,16 +115,20 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
   }
 }
 
-std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
+bool at_constant_speed(const Equations& equations) {
   constexpr double kSteady = 0.05;  // of the speed, distance of its quartiles: by design
-  const double f_Hz = get_key(line, "frequency_Hz");
   std::vector<double> speeds;
-  for (const OperatingPoint& p : chain.equations().points()) speeds.push_back(p.omega_m);
-  if (f_Hz == 0 || speeds.empty()) return "";
+  for (const OperatingPoint& p : equations.points()) speeds.push_back(p.omega_m);
+  if (speeds.empty()) return false;
   std::sort(speeds.begin(), speeds.end());
   const double lower = speeds[speeds.size() / 4], middle = speeds[speeds.size() / 2],
                upper = speeds[speeds.size() * 3 / 4];
-  if (upper - lower > kSteady * std::abs(middle)) return "";
+  return upper - lower <= kSteady * std::abs(middle);
+}
+
+std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
+  const double f_Hz = get_key(line, "frequency_Hz");
+  if (f_Hz == 0 || !at_constant_speed(chain.equations())) return "";
   const MachineParameters& m = chain.equations().facts().machine;
   const double half_count = chain.equations().record().angle.lsb / 2, half_step = i_lsb / 2,
                most_Nm =

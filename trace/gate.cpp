@@ -13,6 +13,7 @@
 #include "model/effects/catalogue.hpp"
 #include "model/effects/tracing.hpp"
 #include "trace/agreement.hpp"
+#include "trace/doubts.hpp"
 #include "trace/keys.hpp"
 #include "trace/scale_bounds.hpp"
 #include "trace/vote.hpp"
@@ -233,6 +234,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     out[m].wrong_kind = true;
   }
   const auto passes = [](const Refused& r) { return r.rule.empty(); };
+  const Equations& equations = whole_.equations();
+  for (std::size_t m = 0; m < members.size(); ++m)
+    if (passes(out[m]) && is_shaft(*members[m]) && equations.record().angle.lsb > 0 &&
+        at_constant_speed(equations))
+      refuse(m, "sensors", "", 0,
+             "at constant speed the rounding of the counts repeats, and a shaft may fit it");
   if (doubts_ && std::any_of(out.begin(), out.end(), passes))
     for (const Doubt& doubt : doubts_())
       for (std::size_t m = 0; m < members.size(); ++m)
