@@ -115,20 +115,21 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
   }
 }
 
-bool at_constant_speed(const Equations& equations) {
-  constexpr double kSteady = 0.05;  // of the speed, distance of its quartiles: by design
+bool at_constant_speed(const Equations& equations, double others) {
+  constexpr double kSteady = 0.05;  // of the speed: by design
   std::vector<double> speeds;
   for (const OperatingPoint& p : equations.points()) speeds.push_back(p.omega_m);
   if (speeds.empty()) return false;
   std::sort(speeds.begin(), speeds.end());
-  const double lower = speeds[speeds.size() / 4], middle = speeds[speeds.size() / 2],
-               upper = speeds[speeds.size() * 3 / 4];
+  const auto tail = static_cast<std::size_t>(others / 2 * static_cast<double>(speeds.size()));
+  const double lower = speeds[tail], middle = speeds[speeds.size() / 2],
+               upper = speeds[speeds.size() - 1 - tail];
   return upper - lower <= kSteady * std::abs(middle);
 }
 
 std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
   const double f_Hz = get_key(line, "frequency_Hz");
-  if (f_Hz == 0 || !at_constant_speed(chain.equations())) return "";
+  if (f_Hz == 0 || !at_constant_speed(chain.equations(), 0.5)) return "";
   const MachineParameters& m = chain.equations().facts().machine;
   const double half_count = chain.equations().record().angle.lsb / 2, half_step = i_lsb / 2,
                most_Nm =

@@ -27,8 +27,9 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
 // score of the others before their refinement is a guess.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
-// True if the quartiles of the speed are within 5 %. The rounding of an angle repeats there.
-bool at_constant_speed(const Equations& equations);
+// True if the speed of all rows but a share `others` is within 5 %. The rounding of an angle repeats
+// there.
+bool at_constant_speed(const Equations& equations, double others);
 // The reason why a torque in time may be an error of the sensors, empty if there is none. At constant
 // speed, the rounding of an angle or a current repeats after equal times. `i_lsb`: step of the
 // currents, A.

@@ -234,10 +234,11 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     out[m].wrong_kind = true;
   }
   const auto passes = [](const Refused& r) { return r.rule.empty(); };
+  constexpr double kNoStart = 0.02;  // share of the rows: a start or a stop, which shows a shaft
   const Equations& equations = whole_.equations();
   for (std::size_t m = 0; m < members.size(); ++m)
     if (passes(out[m]) && is_shaft(*members[m]) && equations.record().angle.lsb > 0 &&
-        at_constant_speed(equations))
+        at_constant_speed(equations, kNoStart))
       refuse(m, "sensors", "", 0,
              "at constant speed the rounding of the counts repeats, and a shaft may fit it");
   if (doubts_ && std::any_of(out.begin(), out.end(), passes))
