@@ -8,6 +8,7 @@
 #include <algorithm>
 
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/doubts.hpp"
 #include "trace/rounding.hpp"
 #include "trace/tracer.hpp"
 
@@ -310,6 +311,21 @@ TEST(Encoder, WhatMayBeItsNoiseIsNotShownToBeAbsent) {
   ASSERT_FALSE(r.refused.empty());
   EXPECT_EQ(r.refused.front().kind + " " + r.refused.front().rule, "viscous_friction sensors");
   EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "viscous_friction"), 0);
+}
+
+// At rest for a tenth of the record, then as before.
+TEST(Encoder, ARecordWithAStartIsNotAtConstantSpeed) {
+  RawLog raw = simulate_synthetic({.duration_s = 2, .held = true});
+  const auto steady = [](const RawLog& log, double others) {
+    Health health;
+    return at_constant_speed(
+        Equations(make_record(log, servo().machine.n_p, health), servo().facts()), others);
+  };
+  EXPECT_TRUE(steady(raw, 0.02));
+  const std::size_t start = raw.theta_m.size() / 10;
+  for (std::size_t k = 0; k < start; ++k) raw.theta_m[k] = raw.theta_m[start];
+  EXPECT_FALSE(steady(raw, 0.02));
+  EXPECT_TRUE(steady(raw, 0.5)) << "half of its rows are";
 }
 
 }  // namespace
