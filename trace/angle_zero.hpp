@@ -4,10 +4,11 @@
 // to the nearest count is at the centre already, and the record is then half a count too high. The
 // d axis shows which rounding holds, because the voltage of the magnets turns into it:
 //
-//   offset = sum_k c_k e_k / sum_k c_k^2,   e the residual along d, c the column of encoder_offset
+//   offset = sum_k c_k e_k / sum_k c_k^2,   e the residual voltage, c the column of encoder_offset
 //
-// An offset of half a count, within a quarter of a count, means rounding to the nearest. Any other
-// offset is not a rounding. If the drive file declares no counts, an encoder_offset of a count or
+// both beside the effects that explain more of e: the EMF of an iron loss or of an inductance has a
+// part along c. An offset of half a count, within a quarter of a count, means rounding to the
+// nearest. Any other offset is not a rounding. If the drive file declares no counts, an encoder_offset of a count or
 // less is taken as the zero of the reading and not as an effect: a counter that rounds up is read a
 // whole count off.
 #pragma once

@@ -210,12 +210,15 @@ DriveConfig declared(const SyntheticDrive& d, bool with_counts) {
   return Config::parse(Config::load("niewiara2020").resolved_with({}), "test", keys).drive();
 }
 
-TraceResult trace_of(const SyntheticDrive& d, bool with_counts) {
-  const DriveConfig drive = declared(d, with_counts);
+TraceResult trace_of(const SyntheticDrive& d, const DriveConfig& drive) {
   Health health;
   const Record record = make_record(simulate_synthetic(d), d.n_p, health);
   EXPECT_EQ(health.angle.counts(), d.counts);
   return trace_record(record, drive, health, {});
+}
+
+TraceResult trace_of(const SyntheticDrive& d, bool with_counts) {
+  return trace_of(d, declared(d, with_counts));
 }
 
 std::string found_in(const SyntheticDrive& d, bool with_counts) {
@@ -273,6 +276,28 @@ TEST(Encoder, ItsRoundingIsFoundWhereItIsNotDeclared) {
   nearest.offset_theta = kPi / 4096;
   EXPECT_EQ(found_in(down, false), "");
   EXPECT_EQ(found_in(nearest, false), "");
+}
+
+bool says_nearest(const TraceResult& r) {
+  return std::any_of(r.health.begin(), r.health.end(), [](const std::string& line) {
+    return line.find("rounded to the nearest count") != std::string::npos;
+  });
+}
+
+// Either error has a part along the EMF that half a count makes.
+TEST(Encoder, ItsRoundingIsToldFromTheErrorOfAnEffect) {
+  SyntheticDrive down = small_servo(1440), nearest = down;
+  down.loads *= 12;
+  DriveConfig declares_more = declared(down, false);
+  declares_more.machine.L_q *= 1.5;
+  const TraceResult lacks_inductance = trace_of(down, declares_more);
+  EXPECT_FALSE(says_nearest(lacks_inductance));
+  ASSERT_EQ(lacks_inductance.effects.size(), 1u) << lacks_inductance.sentence;
+  EXPECT_EQ(lacks_inductance.effects.front().effect->kind(), "inductance");
+
+  nearest.offset_theta = kPi / 1440;
+  nearest.R_extra = 0.3 * nearest.R;
+  EXPECT_TRUE(says_nearest(trace_of(nearest, false)));
 }
 
 TEST(Encoder, AZeroWithinACountIsNoClaimWhereTheCountsAreNotDeclared) {
