@@ -115,21 +115,43 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
   }
 }
 
-bool at_constant_speed(const Equations& equations, double others) {
+bool at_constant_speed(const Equations& equations) {
   constexpr double kSteady = 0.05;  // of the speed: by design
+  constexpr double kOthers = 0.5;   // of the rows
   std::vector<double> speeds;
   for (const OperatingPoint& p : equations.points()) speeds.push_back(p.omega_m);
   if (speeds.empty()) return false;
   std::sort(speeds.begin(), speeds.end());
-  const auto tail = static_cast<std::size_t>(others / 2 * static_cast<double>(speeds.size()));
+  const auto tail = static_cast<std::size_t>(kOthers / 2 * static_cast<double>(speeds.size()));
   const double lower = speeds[tail], middle = speeds[speeds.size() / 2],
                upper = speeds[speeds.size() - 1 - tail];
   return upper - lower <= kSteady * std::abs(middle);
 }
 
+std::vector<char> changing_speed(const Equations& equations, const Runs& outputs) {
+  constexpr double kReach = 0.1;         // s: the noise of a constant speed repeats in less
+  constexpr double kChange = 0.1;        // of the speed: by design
+  constexpr std::ptrdiff_t kLooks = 10;  // on each side
+  const std::vector<OperatingPoint>& points = equations.points();
+  const auto step = std::max<std::ptrdiff_t>(
+      1, static_cast<std::ptrdiff_t>(kReach / equations.record().T_s) / kLooks);
+  std::vector<char> changes;
+  for (const std::size_t row : outputs.row) {
+    double least = points[row].omega_m, most = least;
+    for (std::ptrdiff_t j = -kLooks; j <= kLooks; ++j) {
+      const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(row) + j * step;
+      if (at < 0 || at >= std::ssize(points)) continue;
+      least = std::min(least, points[static_cast<std::size_t>(at)].omega_m);
+      most = std::max(most, points[static_cast<std::size_t>(at)].omega_m);
+    }
+    changes.push_back(most - least > kChange * std::abs(most + least) / 2);
+  }
+  return changes;
+}
+
 std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
   const double f_Hz = get_key(line, "frequency_Hz");
-  if (f_Hz == 0 || !at_constant_speed(chain.equations(), 0.5)) return "";
+  if (f_Hz == 0 || !at_constant_speed(chain.equations())) return "";
   const MachineParameters& m = chain.equations().facts().machine;
   const double half_count = chain.equations().record().angle.lsb / 2, half_step = i_lsb / 2,
                most_Nm =

@@ -27,9 +27,10 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
 // score of the others before their refinement is a guess.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
-// True if the speed of all rows but a share `others` is within 5 %. The rounding of an angle repeats
-// there.
-bool at_constant_speed(const Equations& equations, double others);
+// True if half of the rows have the same speed to 5 %. The rounding of an angle repeats there.
+bool at_constant_speed(const Equations& equations);
+// Of each output: whether the speed changes within 0.1 s of it.
+std::vector<char> changing_speed(const Equations& equations, const Runs& outputs);
 // The reason why a torque in time may be an error of the sensors, empty if there is none. At constant
 // speed, the rounding of an angle or a current repeats after equal times. `i_lsb`: step of the
 // currents, A.

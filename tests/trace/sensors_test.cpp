@@ -339,18 +339,44 @@ TEST(Encoder, WhatMayBeItsNoiseIsNotShownToBeAbsent) {
 }
 
 // At rest for a tenth of the record, then as before.
-TEST(Encoder, ARecordWithAStartIsNotAtConstantSpeed) {
+// A shaft between the rotor and its load; the speed varies by a tenth at most.
+TraceResult trace_of_shaft_at_steady_speed(int counts) {
+  const LooseLoad shaft{.J = 3.2e-3, .K = 250, .D = 0.05, .gap = 0};
+  RawLog raw = simulate_synthetic({.J = SyntheticDrive{}.J - shaft.J,
+                                   .duration_s = 4,
+                                   .extra_load = shaft,
+                                   .counts = counts,
+                                   .speeds = 0.2,
+                                   .omega_more = 100});
+  raw.drop_first(5000);  // the load settles
+  Health health;
+  const Record record = make_record(raw, servo().machine.n_p, health);
+  return trace_record(record, servo(), health, {});
+}
+
+TEST(Encoder, AShaftIsNotToldFromCountsAtSteadySpeed) {
+  const TraceResult fine = trace_of_shaft_at_steady_speed(1048576),
+                    of_counts = trace_of_shaft_at_steady_speed(16384);
+  ASSERT_EQ(fine.effects.size(), 1u) << fine.sentence;
+  EXPECT_EQ(fine.effects.front().effect->kind(), "torsion");
+  EXPECT_TRUE(of_counts.effects.empty());
+  ASSERT_EQ(of_counts.refused.size(), 1u) << of_counts.sentence;
+  EXPECT_EQ(of_counts.refused.front().kind, "torsion");
+  EXPECT_EQ(of_counts.refused.front().rule, "sensors");
+}
+
+TEST(Encoder, SpeedChangesAroundAStart) {
   RawLog raw = simulate_synthetic({.duration_s = 2, .held = true});
-  const auto steady = [](const RawLog& log, double others) {
-    Health health;
-    return at_constant_speed(
-        Equations(make_record(log, servo().machine.n_p, health), servo().facts()), others);
-  };
-  EXPECT_TRUE(steady(raw, 0.02));
-  const std::size_t start = raw.theta_m.size() / 10;
+  const std::size_t rows = raw.theta_m.size(), start = rows / 10;
   for (std::size_t k = 0; k < start; ++k) raw.theta_m[k] = raw.theta_m[start];
-  EXPECT_FALSE(steady(raw, 0.02));
-  EXPECT_TRUE(steady(raw, 0.5)) << "half of its rows are";
+  Health health;
+  const Record record = make_record(raw, servo().machine.n_p, health);
+  const Equations equations(record, servo().facts());
+  EXPECT_TRUE(at_constant_speed(equations)) << "more than half of its rows are";
+  const Runs outputs{.row = {start - 2000, start - 500, start + 500, start + 2000},
+                     .start = {0},
+                     .held_out = {0, 0, 0, 0}};
+  EXPECT_EQ(changing_speed(equations, outputs), (std::vector<char>{0, 1, 1, 0}));
 }
 
 }  // namespace

@@ -29,6 +29,7 @@ struct SyntheticDrive {
   double i_noise = 0.008, lsb = 0.009765625;
   int counts = 1048576;                   // of the encoder, which rounds down
   double speeds = 1, loads = 1, i_d = 1;  // of those of the servo
+  double omega_more = 0;                  // rad/s, beyond the servo's speed
   double dither = 0;                      // V rms, of the reference
 };
 
@@ -70,7 +71,7 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
   RawLog raw;
   raw.path = "synthetic";
   const double share = d.speeds * (d.quiet ? 0 : d.slow ? 0.05 : 1);  // of the speed
-  double i_d = 0, i_q = 0, omega = share * wanted_speed(0), theta = 0.3;
+  double i_d = 0, i_q = 0, omega = d.omega_more + share * wanted_speed(0), theta = 0.3;
   const auto n = static_cast<std::size_t>(d.duration_s / d.T_s);
   for (std::size_t k = 0; k < n; ++k) {
     const double t = static_cast<double>(k) * d.T_s;
@@ -97,7 +98,8 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
         d.held ? 0 : share * (wanted_speed(t + 1e-3) - wanted_speed(t - 1e-3)) / 2e-3;
     const double i_q_ref =
         d.quiet ? 0
-                : (d.J * (accel + 30 * (share * wanted_speed(of) - omega)) + T_load + d.B * omega) /
+                : (d.J * (accel + 30 * (d.omega_more + share * wanted_speed(of) - omega)) + T_load +
+                   d.B * omega) /
                       K_t;
     const double i_d_ref = d.quiet || d.slow ? 0 : d.i_d * (std::fmod(of, 1.1) > 0.6 ? -1.2 : 0.5);
     const double omega_e = d.n_p * omega, k_p = 2 * 3.14159 * 250 * d.L;
