@@ -56,14 +56,16 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   if (rows <= 1) return record;
   const std::vector<double> weight = weights(rows);
   const std::vector<std::size_t> at = centres(record, rows);
+  // `value` of the thinned row and a row of the record.
   const auto weighted = [&](const auto& x, auto&& value) {
     std::decay_t<decltype(x)> out;
     if (x.empty()) return out;
     out.reserve(at.size());
-    for (std::size_t k : at) {
-      auto sum = decltype(value(k, k))(weight[0] * value(k, k));
+    for (std::size_t K = 0; K < at.size(); ++K) {
+      const std::size_t k = at[K];
+      auto sum = decltype(value(K, k))(weight[0] * value(K, k));
       for (std::size_t j = 1; j <= reach(rows); ++j)
-        if (weight[j] != 0) sum += weight[j] * (value(k, k - j) + value(k, k + j));
+        if (weight[j] != 0) sum += weight[j] * (value(K, k - j) + value(K, k + j));
       out.push_back(sum);
     }
     return out;
@@ -71,11 +73,12 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   const auto plain = [&](const std::vector<double>& x) {
     return weighted(x, [&](std::size_t, std::size_t row) { return x[row]; });
   };
-  // Voltages and currents as columns, rotated by the angle of the rotor from the row to k.
+  const std::vector<double> theta_m = plain(record.theta_m);
+  // Voltages and currents as columns, rotated by the angle of the rotor from the row to the thinned
+  // one.
   const auto turned = [&](const std::vector<Eigen::Matrix2d>& x) {
-    return weighted(x, [&](std::size_t k, std::size_t row) -> Eigen::Matrix2d {
-      if (row == k) return x[row];
-      const auto [s, c] = math::sincos(n_p * (record.theta_m[k] - record.theta_m[row]));
+    return weighted(x, [&](std::size_t K, std::size_t row) -> Eigen::Matrix2d {
+      const auto [s, c] = math::sincos(n_p * (theta_m[K] - record.theta_m[row]));
       Eigen::Matrix2d there;
       there.row(0) = c * x[row].row(0) - s * x[row].row(1);
       there.row(1) = s * x[row].row(0) + c * x[row].row(1);
@@ -106,7 +109,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
     if (u) out.u_alphabeta.emplace_back(columns.col(0));
     if (i) out.i_alphabeta.emplace_back(columns.col(1));
   }
-  out.theta_m = plain(record.theta_m);
+  out.theta_m = theta_m;
   out.v_dc = plain(record.v_dc);
   out.T_load = plain(record.T_load);
   const auto usable = [&](const std::vector<char>& ok, std::size_t on) {

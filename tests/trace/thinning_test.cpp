@@ -49,6 +49,33 @@ Record fast_record(double T_s, std::size_t rows) {
   return r;
 }
 
+// The readings have a line near the rate of the thinned rows, as counts at constant speed make it.
+TEST(Thinning, FoldsNoLineOfTheReadingsIntoTheVoltage) {
+  constexpr double kError = 1e-3;  // rad
+  constexpr std::size_t kRows = 4;
+  const int n_p = servo().machine.n_p;
+  const Vec2 u_dq(-20, 60);
+  Record r;
+  r.T_s = 5e-5;
+  for (std::size_t k = 0; k < 4000; ++k) {
+    const double t = static_cast<double>(k) * r.T_s, theta_m = 40 * t;
+    r.t.push_back(t);
+    r.theta_m.push_back(theta_m + kError * std::sin(kTwoPi * 1.03 / (kRows * r.T_s) * t));
+    r.u_alphabeta.push_back(inverse_park(u_dq, n_p * theta_m));
+  }
+  r.electrical_ok.assign(r.t.size(), 1);
+  r.motion_ok = r.electrical_ok;
+  const Record thin = thinned(r, kRows, n_p);
+  double mean = 0, squares = 0;
+  for (std::size_t k = 0; k < thin.size(); ++k) {
+    const double u_d = park(thin.u_alphabeta[k], n_p * thin.theta_m[k])[0];
+    mean += u_d / static_cast<double>(thin.size());
+    squares += u_d * u_d / static_cast<double>(thin.size());
+  }
+  const double one_reading = n_p * kError * u_dq.norm();  // V, of an error that nothing averages
+  EXPECT_LT(std::sqrt(squares - mean * mean), 0.02 * one_reading);
+}
+
 // A voltage that acts late is, row by row of the log, a step that comes late. In a row for four it is
 // that of the thinned log of what acted.
 TEST(Thinning, KeepsALateVoltage) {
