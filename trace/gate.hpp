@@ -114,7 +114,7 @@ class Gate {
   Asked ask(const Fit& fit) const;
   std::vector<Refused> refusals(const Asked& asked) const;
   std::optional<Refused> whole_refusal(const Asked& asked, std::size_t& weakest) const;
-  std::optional<Refused> small_part_refusal(const Asked& asked, const Effect& weakest) const;
+  std::optional<Refused> small_part_refusal(const Asked& asked, std::size_t weakest) const;
   std::optional<Refused> moved_refusal(const Members& all, const Passed& passed,
                                        std::size_t& most) const;
 

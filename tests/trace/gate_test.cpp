@@ -239,30 +239,35 @@ TEST(Gate, RefusesAShaftThatOnlyMakesLinesOfTheAngleSmaller) {
   EXPECT_NE(refused.text.find("mean over frequencies"), std::string::npos) << refused.text;
 }
 
-// The one claim of an offset of the inverter, beside a slow error of the voltage whose cause is
-// unknown. `in_doubt`: the meaning of a row's voltage is.
-std::string rule_beside_slow_error(double error_V, bool in_doubt) {
+// The claim of an offset of the inverter, beside a slow error of the voltage whose cause is unknown
+// and a resistance that is claimed as well. `in_doubt`: the meaning of a row's voltage is.
+std::string rule_beside_slow_error(double error_V, bool in_doubt, double resistance_Ohm = 0) {
   constexpr double kOffset_V = 0.4;
   RawLog raw = log_with([](double, double, double) { return 0.0; });
   for (std::size_t k = 0; k < raw.size(); ++k) {
     const double error = error_V * std::sin(1.5 * raw.t[k]);
     const Vec2 u = inverse_park(Vec2(error, -error), servo().machine.n_p * raw.theta_m[k]) +
-                   clarke({kOffset_V, 0, -kOffset_V});
+                   clarke({kOffset_V, 0, -kOffset_V}) +
+                   resistance_Ohm * clarke({raw.i_a[k], raw.i_b[k], raw.i_c[k]});
     raw.u_alpha[k] += u[0];
     raw.u_beta[k] += u[1];
   }
-  const Members offset = {
-      effect_with("inverter_offset", {{"offset_a_V", kOffset_V}, {"offset_b_V", 0}})};
-  return refusal(FittedDrive(raw, offset), offset,
-                 [&](Gate& gate) { gate.set_voltage_in_doubt(in_doubt); })
-      .rule;
+  Members claims = {effect_with("inverter_offset", {{"offset_a_V", kOffset_V}, {"offset_b_V", 0}})};
+  if (resistance_Ohm > 0)
+    claims.push_back(effect_with("resistance", {{"change_Ohm", resistance_Ohm}}));
+  const Refused refused = refusal(FittedDrive(raw, claims), claims,
+                                  [&](Gate& gate) { gate.set_voltage_in_doubt(in_doubt); });
+  return refused.kind == "resistance" ? "of the other" : refused.rule;
 }
 
-// The offset explains 0.14 of an error of 2 V, and less than a tenth of one of 3 V.
+// The offset explains 0.14 of an error of 2 V, and less than a tenth of one of 3 V. The part that
+// the resistance explains is not its own.
 TEST(Gate, RefusesASmallPartOfAnErrorThatAWrongMeaningOfTheVoltageMayMake) {
   EXPECT_EQ(rule_beside_slow_error(3, false), "");
   EXPECT_EQ(rule_beside_slow_error(3, true), "whole");
   EXPECT_EQ(rule_beside_slow_error(2, true), "");
+  EXPECT_EQ(rule_beside_slow_error(3, false, 3), "");
+  EXPECT_EQ(rule_beside_slow_error(3, true, 3), "whole");
 }
 
 // Beside 3 Nm that nobody explains the model predicts worse than "nothing changes": so it did
