@@ -24,16 +24,32 @@ std::size_t reach(std::size_t rows) {
   return 2 * rows - 1;
 }
 
+// True if the rows from `first` to `last` follow each other in time.
+bool in_one(const Record& record, std::size_t first, std::size_t last) {
+  constexpr double kApart = 12;  // rows; appended records are twice this far apart
+  return record.t[last] - record.t[first] <
+         (static_cast<double>(last - first) + kApart) * record.T_s;
+}
+
 // Rows of the record at the centres of the thinned ones; a voltage reaches rows - 1 further. No
 // thinned row contains a step of time.
 std::vector<std::size_t> centres(const Record& record, std::size_t rows) {
-  constexpr double kApart = 12;  // rows; appended records are twice this far apart
   const std::size_t back = reach(rows), on = back + rows - 1;
-  const double longest = (static_cast<double>(back + on) + kApart) * record.T_s;
   std::vector<std::size_t> at;
   for (std::size_t k = back; k + on < record.size(); k += rows)
-    if (record.t[k + on] - record.t[k - back] < longest) at.push_back(k);
+    if (in_one(record, k - back, k + on)) at.push_back(k);
   return at;
+}
+
+// rad a row, mean over the rows around k. It has to be smooth: the controller's voltage responds to
+// the error of each reading, so a rotation by single readings would leave the mean of a product.
+double speed_around(const Record& record, std::size_t k, std::size_t rows) {
+  constexpr std::size_t kThinned = 8;  // thinned rows on each side
+  std::size_t h = kThinned * rows;
+  if (k < h || k + h >= record.size() || !in_one(record, k - h, k + h)) h = reach(rows);
+  double turned = 0;
+  for (std::size_t j = 1; j <= h; ++j) turned += record.theta_m[k + j] - record.theta_m[k - j];
+  return turned / static_cast<double>(h * (h + 1));
 }
 
 template <class Value>
@@ -56,34 +72,36 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
   if (rows <= 1) return record;
   const std::vector<double> weight = weights(rows);
   const std::vector<std::size_t> at = centres(record, rows);
-  // `value` of the thinned row and a row of the record.
-  const auto weighted = [&](const auto& x, auto&& value) {
-    std::decay_t<decltype(x)> out;
+  const auto plain = [&](const std::vector<double>& x) {
+    std::vector<double> out;
     if (x.empty()) return out;
     out.reserve(at.size());
-    for (std::size_t K = 0; K < at.size(); ++K) {
-      const std::size_t k = at[K];
-      auto sum = decltype(value(K, k))(weight[0] * value(K, k));
+    for (std::size_t k : at) {
+      double sum = weight[0] * x[k];
       for (std::size_t j = 1; j <= reach(rows); ++j)
-        if (weight[j] != 0) sum += weight[j] * (value(K, k - j) + value(K, k + j));
+        if (weight[j] != 0) sum += weight[j] * (x[k - j] + x[k + j]);
       out.push_back(sum);
     }
     return out;
   };
-  const auto plain = [&](const std::vector<double>& x) {
-    return weighted(x, [&](std::size_t, std::size_t row) { return x[row]; });
-  };
-  const std::vector<double> theta_m = plain(record.theta_m);
-  // Voltages and currents as columns, rotated by the angle of the rotor from the row to the thinned
-  // one.
+  // Voltages and currents as columns, in axes that turn with the mean speed around k.
   const auto turned = [&](const std::vector<Eigen::Matrix2d>& x) {
-    return weighted(x, [&](std::size_t K, std::size_t row) -> Eigen::Matrix2d {
-      const auto [s, c] = math::sincos(n_p * (theta_m[K] - record.theta_m[row]));
-      Eigen::Matrix2d there;
-      there.row(0) = c * x[row].row(0) - s * x[row].row(1);
-      there.row(1) = s * x[row].row(0) + c * x[row].row(1);
-      return there;
-    });
+    std::vector<Eigen::Matrix2d> out;
+    if (x.empty()) return out;
+    out.reserve(at.size());
+    for (std::size_t k : at) {
+      const double turn = n_p * speed_around(record, k, rows);
+      Eigen::Matrix2d sum = weight[0] * x[k];
+      for (std::size_t j = 1; j <= reach(rows); ++j) {
+        if (weight[j] == 0) continue;
+        const auto [s, c] = math::sincos(turn * static_cast<double>(j));
+        const Eigen::Matrix2d both = x[k - j] + x[k + j], ahead = x[k - j] - x[k + j];
+        sum.row(0) += weight[j] * (c * both.row(0) - s * ahead.row(1));
+        sum.row(1) += weight[j] * (s * ahead.row(0) + c * both.row(1));
+      }
+      out.push_back(sum);
+    }
+    return out;
   };
   Record out;
   out.source = record.source;
@@ -109,7 +127,7 @@ Record thinned(const Record& record, std::size_t rows, int n_p) {
     if (u) out.u_alphabeta.emplace_back(columns.col(0));
     if (i) out.i_alphabeta.emplace_back(columns.col(1));
   }
-  out.theta_m = theta_m;
+  out.theta_m = plain(record.theta_m);
   out.v_dc = plain(record.v_dc);
   out.T_load = plain(record.T_load);
   const auto usable = [&](const std::vector<char>& ok, std::size_t on) {

@@ -4,15 +4,16 @@
 // rows in one, weights w_j = c(j/m)/m, |j| < 2 m, c the cubic through four points, and R(x) a
 // rotation by n_p x,
 //   theta_K = sum_j w_j theta[k + j],     k = m K + 2 m - 1
-//   i_K     = sum_j w_j R(theta_K - theta[k + j]) i[k + j]
-//   u_K     = sum_j w_j R(theta_K - theta[k + j]) (u[k + j] + .. + u[k + j + m - 1])/m
-// all in stator axes. The weights are the same for all signals, so an equation that holds from row
-// to row holds from K to K + 1,
+//   i_K     = sum_j w_j R(-j s_k) i[k + j]
+//   u_K     = sum_j w_j R(-j s_k) (u[k + j] + .. + u[k + j + m - 1])/m
+// all in stator axes, s_k the mean speed around row k, rad a row. The weights are the same for all
+// signals, so an equation that holds from row to row holds from K to K + 1,
 //   u_K = R_s i + (psi_{K+1} - psi_K)/(m T_s).
-// The rotation is that of the flux, so a fast flux keeps its amplitude. A rotation to theta[k]
-// would turn the whole row by the error of that one reading: at constant speed the line of the
-// counts would fold to a low frequency, where it looks like a harmonic of the flux. The weights
-// reproduce a cubic exactly, so a function of theta is that of theta_K.
+// The rotation is that of the flux, so a fast flux keeps its amplitude. Readings of the angle would
+// turn each row by their errors: at constant speed the line of the counts would fold to a low
+// frequency, where it looks like a harmonic of the flux, and the controller's response to a count
+// times the error of that count has a mean, which looks like a lag. The weights reproduce a cubic
+// exactly, so a function of theta is that of theta_K.
 #pragma once
 #include <cstddef>
 #include <vector>
