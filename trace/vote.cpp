@@ -127,12 +127,14 @@ void JudgingRows::add_pieces(std::size_t file, const std::vector<RowEnergy>& row
 
 namespace {
 
-// Channels in which the two differ by more than the silent share.
+// Channels on which the claim acts, and in which the two differ by more than the silent share. In
+// the others they differ because the other effects were fitted again without the claim.
 std::vector<Channel> moved_channels(const JudgingRows& judging, const Sampled& with,
-                                    const Sampled& without, double silent) {
+                                    const Sampled& without, const Effect& claim, double silent) {
   std::vector<Channel> moved;
   for (Channel channel : kSampledChannels) {
-    if (!(with.*channel).size()) continue;
+    const int elsewhere = channel == &Sampled::torque ? kOnVoltage : kOnTorque;
+    if (claim.acts_on() == elsewhere || !(with.*channel).size()) continue;
     Sampled change;
     change.*channel = with.*channel - without.*channel;
     if (judging.energy(change, channel) > silent * judging.energy(without, channel))
@@ -212,7 +214,7 @@ double along_beside_noise(const JudgingRows& judging, const Sampled& with, const
 Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& without,
           const AngleErrorFall& angle, const Effect& claim, bool through_zone, bool in_sensors,
           double silent) {
-  const std::vector<Channel> moved = moved_channels(judging, with, without, silent);
+  const std::vector<Channel> moved = moved_channels(judging, with, without, claim, silent);
   bool of_voltage = false, of_torque = false;
   double noise_with = 0, noise_without = 0, quieter = 0, energy_without = 0, energy_with = 0;
   for (Channel channel : moved) {
