@@ -322,9 +322,13 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
   const Record& raw = log.changed ? *log.changed : log_;
   const bool rounding_unknown = drive_.sensors.encoder_counts == 0 && raw.angle.centre > 0;
   if (rounding_unknown)
-    if (const double back = rounding_to_nearest(raw, facts_, known_); back != 0)
-      return from_zero(back, "theta_m was rounded to the nearest count, and is used as it stands",
-                       judging, given);
+    if (const double back = rounding_to_nearest(raw, facts_, known_); back != 0) {
+      TraceResult nearest =
+          from_zero(back, "theta_m was rounded to the nearest count, and is used as it stands",
+                    judging, given);
+      // An offset within a count is left, so it was not.
+      if (zero_within_count(nearest, raw.angle) == 0) return nearest;
+    }
   BusRipple bus = find_bus_ripple(raw, judging, facts_, known_, settings_.considered);
   const std::optional<Record> applied = as_bus_acted(raw, bus);
   const Record& whole = applied ? *applied : raw;
