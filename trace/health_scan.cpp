@@ -225,7 +225,8 @@ Health HealthScan::result() const {
   std::size_t stale = 0;
   for (const auto& [bin, count] : stale_)
     if (beyond_counts(std::exp((bin + 0.5) * kWayBin), h.angle.lsb)) stale += count;
-  h.stale_share = is_chance(stale, by_chance_) ? 0 : share(stale, rows_);
+  // One more than chance was seen to repeat: a single row may be its first.
+  h.stale_share = is_chance(stale, by_chance_ + 1) ? 0 : share(stale, rows_);
   h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());
   // On a coarse scale the step below the limit has many samples, too. The top step of a sine has at

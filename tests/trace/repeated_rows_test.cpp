@@ -100,6 +100,23 @@ TEST(Health, ADriveThatIsOffRepeatsNoRow) {
   EXPECT_NEAR(stale_share(raw), 0.0095, 5e-4);
 }
 
+TEST(Health, OneRepeatedRowIsChance) {
+  const auto share = [](std::size_t repeated) {
+    RawLog raw;
+    raw.path = "one";
+    for (std::size_t k = 0; k < 1200; ++k) {
+      raw.t.push_back(5e-3 * static_cast<double>(k));
+      raw.theta_m.push_back(0.05 * static_cast<double>(k));
+      raw.i_q.push_back(normal(17, 0, k));
+    }
+    for (std::size_t k = 100; k < 100 * (repeated + 1); k += 100)
+      for (std::vector<double>* column : {&raw.i_q, &raw.theta_m}) (*column)[k] = (*column)[k - 1];
+    return stale_share(raw);
+  };
+  EXPECT_EQ(share(1), 0);
+  EXPECT_NEAR(share(8), 8 / 1200.0, 1e-9);
+}
+
 // A slow log of a rotor that turns back and forth: two rows at equal distances from a turning point
 // have the same count, and a current that rises by half a step of its converter often repeats, too.
 TEST(Health, AtATurningPointRowsRepeatByThemselves) {
