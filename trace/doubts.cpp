@@ -115,6 +115,18 @@ void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r) 
   }
 }
 
+void doubt_beside_refused(const std::vector<Refused>& refused, TraceResult& r) {
+  if (r.verdict != "traced") return;
+  for (const Refused& x : refused) {
+    if (!x.left || !(make_effect(x.kind)->acts_on() & ~kOnVoltage)) continue;
+    r.refused.push_back(x);
+    r.verdict = "ambiguous";
+    r.sentence = fmt::format("Cannot tell: {} acts on voltage and torque, and {}. {}", x.kind,
+                             refusal_in_words(x), r.sentence);
+    return;
+  }
+}
+
 bool at_constant_speed(const Equations& equations) {
   constexpr double kSteady = 0.05;  // of the speed: by design
   constexpr double kOthers = 0.5;   // of the rows

@@ -27,6 +27,10 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
 // score of the others before their refinement is a guess.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
+// `refused`: by the gate, beside the voltage, which `r` leaves out. A claim that lowers the error and
+// acts on the torque as well is another name for what `r` names.
+void doubt_beside_refused(const std::vector<Refused>& refused, TraceResult& r);
+
 // True if half of the rows have the same speed to 5 %. The rounding of an angle repeats there.
 bool at_constant_speed(const Equations& equations);
 // Of each output: whether the speed changes within 0.1 s of it.

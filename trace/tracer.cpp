@@ -12,6 +12,7 @@
 #include "trace/bus_applied.hpp"
 #include "trace/conclude.hpp"
 #include "trace/consistency.hpp"
+#include "trace/doubts.hpp"
 #include "trace/findings.hpp"
 #include "trace/half_rate.hpp"
 #include "trace/keys.hpp"
@@ -373,10 +374,13 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
   if (!fitted.valid) fitted = last.linearised(with(members, nullptr));
   // Single ticks scatter by more than the sensors do, so the residual voltage is of no use.
   if (log.voltage.of_tick && !selection.stopped_after &&
-      std::all_of(members.begin(), members.end(), of_torque))
-    return without_voltage(
+      std::all_of(members.begin(), members.end(), of_torque)) {
+    TraceResult of_torque_alone = without_voltage(
         log.voltage.told + "; nothing was shown with it: no electrical effect is traced",
         std::move(judging), given);
+    doubt_beside_refused(passed.refused, of_torque_alone);
+    return of_torque_alone;
+  }
   TraceResult result = conclude({.rounds = search.fitter(),
                                  .seen = seen,
                                  .last = last,

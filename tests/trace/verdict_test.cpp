@@ -63,6 +63,26 @@ TEST(Verdict, ALargeCandidateThatIsNotConfirmedLeavesADoubt) {
   EXPECT_EQ(beside("torsion", 5000).verdict, "traced");
 }
 
+// The torque alone names a cogging where a flux harmonic explained the voltage, but did not pass.
+TEST(Verdict, AClaimRefusedBesideTheVoltageLeavesTheTorqueInDoubt) {
+  const auto beside = [](const char* kind, bool left) {
+    TraceResult r;
+    r.verdict = "traced";
+    r.sentence = "The model lacks cogging.";
+    doubt_beside_refused(
+        {{.kind = kind, .rule = "agreement", .left = left, .text = "0.49 of its gain is kept"}}, r);
+    return r;
+  };
+  const TraceResult doubted = beside("flux_harmonics", true);
+  EXPECT_EQ(doubted.verdict, "ambiguous");
+  EXPECT_EQ(doubted.sentence,
+            "Cannot tell: flux_harmonics acts on voltage and torque, and a claim did not pass the "
+            "rule of agreement: 0.49 of its gain is kept. The model lacks cogging.");
+  EXPECT_EQ(doubted.refused.size(), 1u);
+  EXPECT_EQ(beside("flux_harmonics", false).verdict, "traced");
+  EXPECT_EQ(beside("voltage_gain", true).verdict, "traced") << "it makes no torque";
+}
+
 // At one speed the rounding of the angle repeats after equal times, like a torque in time. Half of
 // 4096 counts make J (2 pi f)^2 pi/4096 = 0.107 Nm at 20 Hz.
 TEST(Verdict, ATorqueInTimeAtOneSpeedMayBeTheRoundingOfTheAngle) {
