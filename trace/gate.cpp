@@ -285,13 +285,13 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
   return out;
 }
 
-// A wrong meaning of the voltage makes an error, and claims that follow from it: a tick's voltage,
+// An error of the voltage whose cause is unknown lends a part of itself to a claim. A tick's voltage,
 // taken for the mean of a slow row, made an inductance that explained 0.014 of the energy above the
-// noise floor and left 3.9 times the floor, and beside an offset of the encoder a cross saturation.
-// With every tick logged, a true claim that left 4.1 times the floor explained 0.32.
+// noise floor and left 3.9 times the floor, beside an offset of the encoder a cross saturation, and
+// an offset of the encoder that explained 0.08 and left 2.4 times the floor. A true claim that left
+// 4.1 times the floor explained 0.32.
 std::optional<Refused> Gate::small_part_refusal(const Asked& asked, std::size_t weakest) const {
   constexpr double kFarOverNoise = 2, kSmallPart = 0.1;
-  if (!voltage_in_doubt_) return std::nullopt;
   const JudgingRows judging(whole_, files_);
   const auto energy = [&](const Sampled& y) {
     return judging.energy(y, &Sampled::d) + judging.energy(y, &Sampled::q);
@@ -304,14 +304,13 @@ std::optional<Refused> Gate::small_part_refusal(const Asked& asked, std::size_t 
   if (after < kFarOverNoise * kFarOverNoise * noise) return std::nullopt;
   const double part = std::max(0.0, (before - after) / (before - noise));
   if (part >= kSmallPart) return std::nullopt;
-  return Refused{
-      .kind = std::string(asked.fit.members[weakest]->kind()),
-      .rule = "whole",
-      .number = part,
-      .text = fmt::format("it explains {:.2g} % of the voltage error above the noise floor; the "
-                          "meaning of a row's voltage, which is in doubt, may cause this error and "
-                          "the claim",
-                          100 * part)};
+  return Refused{.kind = std::string(asked.fit.members[weakest]->kind()),
+                 .rule = "whole",
+                 .number = part,
+                 .text = fmt::format(
+                     "it explains {:.2g} % of the voltage error above the noise floor, and {:.2g} "
+                     "times the floor is left: an unknown cause may make the claim",
+                     100 * part, std::sqrt(after / noise))};
 }
 
 // Compares all accepted claims together with the declared model.

@@ -96,8 +96,6 @@ class Gate {
   void set_resolution(std::function<double(const Effect&)> resolution) {
     resolution_ = std::move(resolution);
   }
-  // The meaning of a row's voltage is not exactly known (trace/voltage_meaning.hpp).
-  void set_voltage_in_doubt(bool in_doubt) { voltage_in_doubt_ = in_doubt; }
   // A doubt about the drive file or the log's signals. Computed once a claim has passed the rules
   // before.
   struct Doubt {
@@ -124,7 +122,6 @@ class Gate {
   Criterion criterion_;
   std::function<const HalfRate&()> half_rate_;
   std::function<double(const Effect&)> resolution_;
-  bool voltage_in_doubt_ = false;
   std::function<std::vector<Doubt>()> doubts_;
 };
 

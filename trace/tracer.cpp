@@ -229,7 +229,6 @@ Findings Tracing::found(DriveProblem& problem, Search& search, const JudgedFiles
       return std::max(least_beside(voltage, effect, facts_),
                       least_beside_steps(log_, health_, effect, facts_));
     });
-    gate.set_voltage_in_doubt(voltage.open_s > 0);
     gate.set_doubts([&] {
       if (!doubts) doubts = doubts_of(log_, facts_);
       return *doubts;

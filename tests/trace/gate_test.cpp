@@ -262,8 +262,8 @@ TEST(Gate, RefusesAShaftThatOnlyMakesLinesOfTheAngleSmaller) {
 }
 
 // The claim of an offset of the inverter, beside a slow error of the voltage whose cause is unknown
-// and a resistance that is claimed as well. `in_doubt`: the meaning of a row's voltage is.
-std::string rule_beside_slow_error(double error_V, bool in_doubt, double resistance_Ohm = 0) {
+// and a resistance that is claimed as well.
+std::string rule_beside_slow_error(double error_V, double resistance_Ohm = 0) {
   constexpr double kOffset_V = 0.4;
   RawLog raw = log_with([](double, double, double) { return 0.0; });
   for (std::size_t k = 0; k < raw.size(); ++k) {
@@ -277,19 +277,16 @@ std::string rule_beside_slow_error(double error_V, bool in_doubt, double resista
   Members claims = {effect_with("inverter_offset", {{"offset_a_V", kOffset_V}, {"offset_b_V", 0}})};
   if (resistance_Ohm > 0)
     claims.push_back(effect_with("resistance", {{"change_Ohm", resistance_Ohm}}));
-  const Refused refused = refusal(FittedDrive(raw, claims), claims,
-                                  [&](Gate& gate) { gate.set_voltage_in_doubt(in_doubt); });
+  const Refused refused = refusal(FittedDrive(raw, claims), claims);
   return refused.kind == "resistance" ? "of the other" : refused.rule;
 }
 
 // The offset explains 0.14 of an error of 2 V, and less than a tenth of one of 3 V. The part that
 // the resistance explains is not its own.
-TEST(Gate, RefusesASmallPartOfAnErrorThatAWrongMeaningOfTheVoltageMayMake) {
-  EXPECT_EQ(rule_beside_slow_error(3, false), "");
-  EXPECT_EQ(rule_beside_slow_error(3, true), "whole");
-  EXPECT_EQ(rule_beside_slow_error(2, true), "");
-  EXPECT_EQ(rule_beside_slow_error(3, false, 3), "");
-  EXPECT_EQ(rule_beside_slow_error(3, true, 3), "whole");
+TEST(Gate, RefusesASmallPartOfAnErrorWithAnUnknownCause) {
+  EXPECT_EQ(rule_beside_slow_error(3), "whole");
+  EXPECT_EQ(rule_beside_slow_error(2), "");
+  EXPECT_EQ(rule_beside_slow_error(3, 3), "whole");
 }
 
 // Beside 3 Nm that nobody explains the model predicts worse than "nothing changes": so it did
