@@ -8,9 +8,9 @@
 //
 // both beside the effects that explain more of e: the EMF of an iron loss or of an inductance has a
 // part along c. An offset of half a count, within a quarter of a count, means rounding to the
-// nearest. Any other offset is not a rounding. If the drive file declares no counts, an encoder_offset of a count or
-// less is taken as the zero of the reading and not as an effect: a counter that rounds up is read a
-// whole count off.
+// nearest. Any other offset is not a rounding. If the drive file declares no counts, an
+// encoder_offset of a count or less is taken as the zero of the reading and not as an effect: a
+// counter that rounds up is read a whole count off.
 #pragma once
 #include "model/drive_facts.hpp"
 #include "model/effects/effect.hpp"
