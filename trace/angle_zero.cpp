@@ -43,11 +43,11 @@ std::map<std::string_view, Eigen::MatrixXd> voltages_by_kind(const Chain& chain)
 }  // namespace
 
 double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const Effects& known) {
-  constexpr double kNear = 0.25;    // of a count
-  constexpr double kHardly = 1e-3;  // of the energy: a rounding that does not matter
-  constexpr double kAlike = 1e-3;   // of the energy of a column
-  constexpr double kOwn = 0.5;      // of the same, that the others leave
-  constexpr int kFirst = 5;         // effects that explain most
+  constexpr double kNear = 0.25;       // of a count
+  constexpr double kLeastPart = 1e-3;  // of the residual's energy, that an effect explains
+  constexpr double kCollinear = 1e-3;  // of a column's energy, left beside the effects before it
+  constexpr double kLeastLeft = 0.5;   // of the energy of encoder_offset's column, left beside them
+  constexpr int kMostEffects = 5;      // beside which the offset is estimated
   const double half = whole.angle.centre;
   if (half <= 0 || !whole.has_voltage_equation()) return 0;
   const Record record = thinned(whole, rows_as_one(whole.T_s), facts.machine.n_p);
@@ -59,9 +59,9 @@ double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const E
   std::map<std::string_view, Eigen::MatrixXd> columns = voltages_by_kind(chain);
   Eigen::VectorXd e = stacked(chain.noiseless({}));
   const auto of_zero = columns.find(zero);
-  const double own = of_zero == columns.end() ? 0 : of_zero->second.squaredNorm();
-  for (int round = 0; round < kFirst && !columns.empty(); ++round) {
-    double most = kHardly * e.squaredNorm();
+  const double alone = of_zero == columns.end() ? 0 : of_zero->second.squaredNorm();
+  for (int round = 0; round < kMostEffects && !columns.empty(); ++round) {
+    double most = kLeastPart * e.squaredNorm();
     auto best = columns.end();
     for (auto it = columns.begin(); it != columns.end(); ++it) {
       const Eigen::VectorXd of_e = it->second.transpose() * e;
@@ -72,7 +72,7 @@ double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const E
     const Eigen::MatrixXd A = std::move(best->second);
     if (best->first == zero) {
       // An estimate from the small part that the others leave is one of their errors.
-      if (A.squaredNorm() < kOwn * own) return 0;
+      if (A.squaredNorm() < kLeastLeft * alone) return 0;
       const double counts = A.col(0).dot(e) / A.col(0).squaredNorm() / whole.angle.lsb;
       return std::abs(counts - 0.5) < kNear ? -half : 0;
     }
@@ -84,7 +84,7 @@ double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const E
     for (auto it = columns.begin(); it != columns.end();) {
       const double was = it->second.squaredNorm();
       it->second -= Q * (Q.transpose() * it->second);
-      it = it->second.squaredNorm() < kAlike * was ? columns.erase(it) : std::next(it);
+      it = it->second.squaredNorm() < kCollinear * was ? columns.erase(it) : std::next(it);
     }
   }
   return 0;

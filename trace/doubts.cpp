@@ -121,8 +121,9 @@ void doubt_beside_refused(const std::vector<Refused>& refused, TraceResult& r) {
     if (!x.left || !(make_effect(x.kind)->acts_on() & ~kOnVoltage)) continue;
     r.refused.push_back(x);
     r.verdict = "ambiguous";
-    r.sentence = fmt::format("Cannot tell: {} acts on voltage and torque, and {}. {}", x.kind,
-                             refusal_in_words(x), r.sentence);
+    r.sentence =
+        fmt::format("Cannot tell: {} can act on voltage and torque; beside the voltage {}. {}",
+                    x.kind, refusal_in_words(x), r.sentence);
     return;
   }
 }

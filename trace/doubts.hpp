@@ -27,8 +27,8 @@ void doubt_samples_alone(const Fitter& fitter, const Fit& fit, TraceResult& r);
 // score of the others before their refinement is a guess.
 void doubt_unconfirmed(const std::vector<Alternative>& refused, TraceResult& r);
 
-// `refused`: by the gate, beside the voltage, which `r` leaves out. A claim that lowers the error and
-// acts on the torque as well is another name for what `r` names.
+// `refused`: by the gate, in a trace with the voltage, which `r` leaves out. A refused claim that
+// lowers the error and can act on the torque may be the cause of what `r` names.
 void doubt_beside_refused(const std::vector<Refused>& refused, TraceResult& r);
 
 // True if half of the rows have the same speed to 5 %. The rounding of an angle repeats there.

@@ -225,7 +225,7 @@ Health HealthScan::result() const {
   std::size_t stale = 0;
   for (const auto& [bin, count] : stale_)
     if (beyond_counts(std::exp((bin + 0.5) * kWayBin), h.angle.lsb)) stale += count;
-  // One more than chance was seen to repeat: a single row may be its first.
+  // A single stale row is no evidence, even if no row was seen to repeat by chance.
   h.stale_share = is_chance(stale, by_chance_ + 1) ? 0 : share(stale, rows_);
   h.held_share = held_.share(h.i_lsb);
   h.i_limit = std::max(a_.limit(), b_.limit());

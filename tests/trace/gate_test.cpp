@@ -12,7 +12,6 @@
 #include "trace/fall.hpp"
 #include "trace/statistics.hpp"
 #include "trace/transfer.hpp"
-#include "trace/vote.hpp"
 
 namespace twinrate::gate_test {
 
@@ -57,27 +56,6 @@ TEST(Gate, LetsPassWhatIsThere) {
     gate.set_resolution([](const Effect&) { return 1e3; });
   };
   EXPECT_EQ(refusal(drive, cogging_17(), resolution).rule, "sensors");
-}
-
-// Without a claim the others are fitted again, which changes equations that it does not act on.
-TEST(Gate, AClaimIsJudgedByItsOwnEquations) {
-  const FittedDrive drive(log_with([](double, double, double) { return 0.0; }), {});
-  const Sampled with = drive.chain().whitened(drive.chain().residual({}));
-  Sampled without = with;
-  without.d *= 1.5, without.torque *= 1.2;
-  const JudgedFiles files;
-  const JudgingRows judging(drive.chain(), files);
-  const auto judged = [&](const char* kind, const char* key) {
-    return vote(judging, with, without, {}, *effect_with(kind, {{key, 1.0}}), false, false, 1e-6);
-  };
-  const Vote friction = judged("coulomb_friction", "torque_Nm"),
-             resistance = judged("resistance", "change_Ohm"),
-             flux = judged("flux_linkage", "change_Wb");
-  EXPECT_TRUE(friction.of_torque && !friction.of_voltage);
-  EXPECT_TRUE(!resistance.of_torque && resistance.of_voltage);
-  EXPECT_TRUE(flux.of_torque && flux.of_voltage);
-  EXPECT_NEAR(friction.judgement.held_out_gain, 1 - 1 / (1.2 * 1.2), 1e-6);
-  EXPECT_TRUE(std::isinf(friction.change_over_noise));
 }
 
 // Friction that rises near standstill acts for a few hundredths of the time: its pieces are cut

@@ -76,8 +76,9 @@ TEST(Verdict, AClaimRefusedBesideTheVoltageLeavesTheTorqueInDoubt) {
   const TraceResult doubted = beside("flux_harmonics", true);
   EXPECT_EQ(doubted.verdict, "ambiguous");
   EXPECT_EQ(doubted.sentence,
-            "Cannot tell: flux_harmonics acts on voltage and torque, and a claim did not pass the "
-            "rule of agreement: 0.49 of its gain is kept. The model lacks cogging.");
+            "Cannot tell: flux_harmonics can act on voltage and torque; beside the voltage a claim "
+            "did not pass the rule of agreement: 0.49 of its gain is kept. The model lacks "
+            "cogging.");
   EXPECT_EQ(doubted.refused.size(), 1u);
   EXPECT_EQ(beside("flux_harmonics", false).verdict, "traced");
   EXPECT_EQ(beside("voltage_gain", true).verdict, "traced") << "it makes no torque";
