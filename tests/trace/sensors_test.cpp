@@ -339,26 +339,28 @@ TEST(Encoder, WhatMayBeItsNoiseIsNotShownToBeAbsent) {
 }
 
 // At rest for a tenth of the record, then as before.
-// A shaft between the rotor and its load; the speed varies by a tenth at most.
-TraceResult trace_of_shaft_at_steady_speed(int counts) {
+// A shaft between the rotor and its load. `steady`: the speed varies by a tenth at most.
+TraceResult trace_of_shaft(int counts, bool steady) {
   const LooseLoad shaft{.J = 3.2e-3, .K = 250, .D = 0.05, .gap = 0};
   RawLog raw = simulate_synthetic({.J = SyntheticDrive{}.J - shaft.J,
-                                   .duration_s = 4,
+                                   .duration_s = steady ? 4.0 : 6.0,
                                    .extra_load = shaft,
                                    .counts = counts,
-                                   .speeds = 0.2,
-                                   .omega_more = 100});
+                                   .speeds = steady ? 0.2 : 1,
+                                   .omega_more = steady ? 100.0 : 0});
   raw.drop_first(5000);  // the load settles
   Health health;
   const Record record = make_record(raw, servo().machine.n_p, health);
   return trace_record(record, servo(), health, {});
 }
 
-TEST(Encoder, AShaftIsNotToldFromCountsAtSteadySpeed) {
-  const TraceResult fine = trace_of_shaft_at_steady_speed(1048576),
-                    of_counts = trace_of_shaft_at_steady_speed(16384);
-  ASSERT_EQ(fine.effects.size(), 1u) << fine.sentence;
-  EXPECT_EQ(fine.effects.front().effect->kind(), "torsion");
+TEST(Encoder, AShaftIsToldFromCountsWhereTheSpeedChanges) {
+  const TraceResult fine = trace_of_shaft(1048576, true), of_counts = trace_of_shaft(16384, true),
+                    changing = trace_of_shaft(16384, false);
+  for (const TraceResult* r : {&fine, &changing}) {
+    ASSERT_EQ(r->effects.size(), 1u) << r->sentence;
+    EXPECT_EQ(r->effects.front().effect->kind(), "torsion");
+  }
   EXPECT_TRUE(of_counts.effects.empty());
   ASSERT_EQ(of_counts.refused.size(), 1u) << of_counts.sentence;
   EXPECT_EQ(of_counts.refused.front().kind, "torsion");
