@@ -96,6 +96,8 @@ class Gate {
   void set_resolution(std::function<double(const Effect&)> resolution) {
     resolution_ = std::move(resolution);
   }
+  // The values of a sensor show its step: counts of the angle, or coarse currents.
+  void set_rounded(bool rounded) { rounded_ = rounded; }
   // A doubt about the drive file or the log's signals. Computed once a claim has passed the rules
   // before.
   struct Doubt {
@@ -122,6 +124,7 @@ class Gate {
   Criterion criterion_;
   std::function<const HalfRate&()> half_rate_;
   std::function<double(const Effect&)> resolution_;
+  bool rounded_ = false;
   std::function<std::vector<Doubt>()> doubts_;
 };
 

@@ -229,6 +229,7 @@ Findings Tracing::found(DriveProblem& problem, Search& search, const JudgedFiles
       return std::max(least_beside(voltage, effect, facts_),
                       least_beside_steps(log_, health_, effect, facts_));
     });
+    gate.set_rounded(log_.angle.lsb > 0 || health_.coarse(facts_.machine.i_rated));
     gate.set_doubts([&] {
       if (!doubts) doubts = doubts_of(log_, facts_);
       return *doubts;

@@ -7,8 +7,10 @@
 
 #include <algorithm>
 
-#include "tests/trace/synthetic_drive.hpp"
+#include "model/frames.hpp"
+#include "tests/trace/fitted_drive.hpp"
 #include "trace/doubts.hpp"
+#include "trace/gate.hpp"
 #include "trace/rounding.hpp"
 #include "trace/tracer.hpp"
 
@@ -365,6 +367,45 @@ TEST(Encoder, AShaftIsToldFromCountsWhereTheSpeedChanges) {
   ASSERT_EQ(of_counts.refused.size(), 1u) << of_counts.sentence;
   EXPECT_EQ(of_counts.refused.front().kind, "torsion");
   EXPECT_EQ(of_counts.refused.front().rule, "sensors");
+}
+
+// Rule that refuses a true harmonic of the flux, from currents with a step of 0.3 A. `rounded`: the
+// gate knows of the step.
+std::string rule_of_harmonic(double amplitude_Wb, bool steady, bool rounded) {
+  constexpr int kOrder = 6;
+  const MachineParameters& m = servo().machine;
+  RawLog raw = simulate_synthetic({.duration_s = 3,
+                                   .i_noise = 0.1,
+                                   .lsb = 0.3,
+                                   .speeds = steady ? 0.01 : 0.3,
+                                   .loads = 0,
+                                   .i_d = 0,
+                                   .omega_more = 60});
+  for (std::size_t k = 0; k + 1 < raw.size(); ++k) {
+    const double turn = raw.theta_m[k + 1] - raw.theta_m[k], mid = raw.theta_m[k] + turn / 2;
+    const Vec2 u =
+        inverse_park(amplitude_Wb * turn / SyntheticDrive{}.T_s *
+                         Vec2(-kOrder * std::sin(kOrder * mid), m.n_p * std::cos(kOrder * mid)),
+                     m.n_p * mid);
+    raw.u_alpha[k] += u[0];
+    raw.u_beta[k] += u[1];
+  }
+  const Members claim = {
+      effect_with("flux_harmonics",
+                  {{"order", double{kOrder}}, {"amplitude_Wb", amplitude_Wb}, {"phase_rad", 0}})};
+  const FittedDrive drive(raw, claim);
+  const Fitter fitter = drive.fitter();
+  Gate gate(fitter, drive.chain(), {});
+  gate.set_rounded(rounded);
+  const Passed passed = gate(claim);
+  return passed.refused.empty() ? "" : passed.refused.front().rule;
+}
+
+TEST(CurrentSensor, ALineOfTheVoltageIsToldFromItsStepsWhereTheSpeedChanges) {
+  EXPECT_EQ(rule_of_harmonic(1e-3, true, false), "");
+  EXPECT_EQ(rule_of_harmonic(1e-3, true, true), "sensors");
+  EXPECT_EQ(rule_of_harmonic(1e-3, false, true), "");
+  EXPECT_EQ(rule_of_harmonic(3e-3, true, true), "") << "half of the energy of the noise";
 }
 
 TEST(Encoder, SpeedChangesAroundAStart) {
