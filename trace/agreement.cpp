@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "model/effects/tracing.hpp"
+#include "trace/keys.hpp"
 #include "trace/split.hpp"
 
 namespace twinrate {
@@ -42,6 +43,18 @@ std::vector<Sampled> columns_beside(const Chain& chain, const Members& members, 
     if (changed.torque.size()) own[r].torque = (changed.torque - residual.torque) / h;
   }
   return own;
+}
+
+// Periods a mechanical turn of the fastest line, 0 if there is none. Above half the rate of a record
+// its rows do not hold the line.
+double highest_order(const Members& members) {
+  double highest = 0;
+  for (const auto& member : members) {
+    const Traits::Period period = member->tracing().traits().period;
+    const bool by_key = period.order_key[0] != 0;
+    highest = std::max(highest, by_key ? get_key(*member, period.order_key) : period.order);
+  }
+  return highest;
 }
 
 }  // namespace
@@ -190,8 +203,13 @@ Parts::Parts(const Chain& whole, const Members& members, const Chain* half_rate)
   if (!half_rate) return;
   // A shaft is simulated from fewer rows there, which the sensors' filter would not forgive.
   const auto whole_sums = [&](const Chain& chain) {
+    const double order = highest_order(members);
+    const std::vector<OperatingPoint>& points = chain.equations().points();
+    const double T_s = chain.equations().record().T_s;
     return PartSums(member_columns(chain, members, false),
-                    Rows::where(chain.sampler(), [](std::size_t) { return true; }));
+                    Rows::where(chain.sampler(), [&](std::size_t row) {
+                      return order * std::abs(points[row].omega_m) * T_s < kPi;
+                    }));
   };
   rates_ = {has_shaft(members) ? whole_sums(whole) : halves_[0] + halves_[1],
             whole_sums(*half_rate)};

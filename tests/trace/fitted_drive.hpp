@@ -7,6 +7,7 @@
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/keys.hpp"
 #include "trace/noise.hpp"
+#include "trace/thinning.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -25,8 +26,10 @@ inline std::vector<std::string> kinds_of(const Members& members) {
 class FittedDrive {
  public:
   // The residual with `truth` is noise. `held_out`: for each row; empty: the blocks of the tracer.
-  FittedDrive(const RawLog& raw, const Members& truth, const std::vector<char>& held_out = {})
-      : record_(make_record(raw, servo().machine.n_p, health_)),
+  // `rows` of the log make a row.
+  FittedDrive(const RawLog& raw, const Members& truth, const std::vector<char>& held_out = {},
+              std::size_t rows = 1)
+      : record_(thinned(make_record(raw, servo().machine.n_p, health_), rows, servo().machine.n_p)),
         equations_(record_, servo().facts()),
         moving_(moving_rows(equations_.record())),
         noisier_(add_noise(record_, servo().facts(), moving_, health_.i_lsb)),
