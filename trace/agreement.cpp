@@ -1,5 +1,7 @@
 #include "trace/agreement.hpp"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
@@ -94,6 +96,52 @@ bool mostly_noise(const PartSums& part, const std::vector<char>& own) {
   return 2 * noise > all;
 }
 
+// Information of a part about the claim's coefficients, beside all others (Schur's complement).
+Eigen::MatrixXd information(const PartSums& part, const std::vector<char>& own) {
+  std::vector<Eigen::Index> mine, others;
+  for (std::size_t p = 0; p < own.size(); ++p)
+    (own[p] ? mine : others).push_back(static_cast<Eigen::Index>(p));
+  const Eigen::MatrixXd across = part.A(others, mine);
+  const Eigen::MatrixXd all = part.A(mine, mine);
+  if (others.empty()) return all;
+  return all - across.transpose() *
+                   part.A(others, others).completeOrthogonalDecomposition().solve(across);
+}
+
+// Coefficients of `from` in the directions that it knows, and of `on` in the others; none if it knows
+// no direction. A direction in which `from` has less than a hundredth of the information of `on` has
+// ten times its standard deviation there, and is biased by many of these (seen: the inductance of
+// an axis without current, 7 of them).
+std::optional<Eigen::VectorXd> known_from(const PartSums& from, const PartSums& on,
+                                          const std::vector<char>& own,
+                                          const Eigen::VectorXd& there,
+                                          const Eigen::VectorXd& here) {
+  constexpr double kKnown = 0.01;
+  const Eigen::MatrixXd at = information(from, own), of_on = information(on, own);
+  const double floor = 1e-12 * of_on.trace();
+  if (!(floor > 0)) return std::nullopt;
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> directions(
+      at, of_on + floor * Eigen::MatrixXd::Identity(of_on.rows(), of_on.cols()));
+  std::vector<Eigen::Index> index;
+  for (std::size_t p = 0; p < own.size(); ++p)
+    if (own[p]) index.push_back(static_cast<Eigen::Index>(p));
+  const auto n = static_cast<Eigen::Index>(index.size());
+  Eigen::VectorXd moved(n);
+  for (Eigen::Index a = 0; a < n; ++a) moved[a] = there[index[a]] - here[index[a]];
+  Eigen::VectorXd kept = Eigen::VectorXd::Zero(n);
+  bool any = false;
+  for (Eigen::Index d = 0; d < n; ++d) {
+    if (directions.eigenvalues()[d] < kKnown) continue;
+    const Eigen::VectorXd v = directions.eigenvectors().col(d);
+    kept += v * v.dot(of_on * moved);
+    any = true;
+  }
+  if (!any) return std::nullopt;
+  Eigen::VectorXd beta = here;
+  for (Eigen::Index a = 0; a < n; ++a) beta[index[a]] += kept[a];
+  return beta;
+}
+
 }  // namespace
 
 void compare_parts(const PartSums& from, const PartSums& on, const std::vector<char>& own,
@@ -102,7 +150,10 @@ void compare_parts(const PartSums& from, const PartSums& on, const std::vector<c
   const std::vector<char> none(own.size(), 0);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(on.b.size());
   const PartAnswer there = best_answer(from, none, zero), here = best_answer(on, none, zero),
-                   without = best_answer(on, own, zero), foreign = best_answer(on, own, there.beta);
+                   without = best_answer(on, own, zero);
+  const std::optional<Eigen::VectorXd> known = known_from(from, on, own, there.beta, here.beta);
+  if (!known) return;
+  const PartAnswer foreign = best_answer(on, own, *known);
   const PartAnswer from_without = best_answer(from, own, zero);
   const double unit = here.energy / std::max(1.0, on.count),
                unit_from = there.energy / std::max(1.0, from.count);
