@@ -35,6 +35,12 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
     if (worse < criterion.chance)
       return refused(v.of_file.at(file), "it raises the error of the held-out rows there",
                      files.empty() ? "" : files[static_cast<std::size_t>(file)]);
+  if (v.raised.chance < criterion.chance) {
+    Refused out = refused(v.raised.gain,
+                          fmt::format("it raises the error of the {} equation", v.raised.equation));
+    out.wrong_kind = true;
+    return out;
+  }
   if (v.judgement.held_out_gain <= 0)
     return refused(v.judgement.held_out_gain, "it does not lower the error of the held-out rows");
   // The energy of all rows is mostly that of fast noise, which a slow torque does not resemble. On

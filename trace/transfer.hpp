@@ -16,6 +16,13 @@ namespace twinrate {
 // The energy in each piece, by file and piece of the file.
 using Pieces = std::map<std::pair<int, std::size_t>, double>;
 
+// An equation whose error on the judging rows rises by a claim.
+struct Raised {
+  const char* equation = "";
+  double gain = 0;    // of all its rows, negative
+  double chance = 1;  // that the pieces of a file are so much worse
+};
+
 struct Votes {
   Judgement judgement;
   double mean = 0;              // of r_b, over all pieces that vote
@@ -36,6 +43,7 @@ struct Votes {
   // As along_change, for a claim that holds noise: less the part in common with the residual's
   // noise.
   double along_beside_noise = 0;
+  Raised raised;                  // of a claim on both equations
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b
 };

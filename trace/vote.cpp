@@ -185,6 +185,23 @@ double along_change(const JudgingRows& judging, const Sampled& with, const Sampl
   return judging.along(without, change, noise_of(without), moved);
 }
 
+// The equation whose error the claim raises, of the two on which it acts.
+Raised raised(const JudgingRows& judging, const Sampled& with, const Sampled& without,
+              const std::vector<Channel>& moved, double silent) {
+  Raised most;
+  for (const bool torque : {false, true}) {
+    std::vector<Channel> equation;
+    for (Channel channel : moved)
+      if ((channel == &Sampled::torque) == torque) equation.push_back(channel);
+    const JudgingRows::Energies energies = judging.pieces(with, without, equation);
+    const Votes votes = votes_of(energies.without, energies.with, silent);
+    if (votes.judgement.held_out_gain >= most.gain) continue;
+    most = {.equation = torque ? "torque" : "voltage", .gain = votes.judgement.held_out_gain};
+    for (const auto& [file, chance] : votes.worse) most.chance = std::min(most.chance, chance);
+  }
+  return most;
+}
+
 // True if the claim's contribution holds no noise and it cannot fit a frequency of the noise.
 bool is_free_of_noise(const Effect& effect) {
   return !holds_noise(effect) && !is_placed(effect, Traits::Place::kLine);
@@ -240,6 +257,7 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
         -0.5 * std::log1p(-kTimes * noise_without / energy_without * (1 - std::exp(-2 * quieter)));
   const JudgingRows::Energies pieces = judging.pieces(with, without, moved);
   Vote vote{votes_of(pieces.without, pieces.with, silent, quieter), of_voltage, of_torque};
+  if (of_voltage && of_torque) vote.raised = raised(judging, with, without, moved, silent);
   if (!through_zone) {
     vote.change_over_noise = change_over_noise(judging, with, without, moved);
     vote.along_beside_noise = along_beside_noise(judging, with, without, moved);

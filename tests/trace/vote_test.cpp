@@ -31,5 +31,25 @@ TEST(Vote, AClaimIsJudgedByItsOwnEquations) {
   EXPECT_TRUE(std::isinf(friction.change_over_noise));
 }
 
+// A gain in one equation does not pay for a loss in the other.
+TEST(Vote, AClaimRaisesTheErrorOfNeitherEquation) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 3}), {});
+  const Sampled with = drive.chain().whitened(drive.chain().residual({}));
+  const JudgedFiles files;
+  const JudgingRows judging(drive.chain(), files);
+  const auto rule = [&](double voltage, double torque) {
+    Sampled without = with;
+    without.d *= voltage, without.q *= voltage, without.torque *= torque;
+    const Vote v = vote(judging, with, without, {},
+                        *effect_with("flux_linkage", {{"change_Wb", 1.0}}), true, false, 1e-6);
+    EXPECT_GT(v.judgement.held_out_gain, 0);
+    const Refused refused = refused_by_transfer({v}, {}, {}).front();
+    return refused.rule + (refused.wrong_kind ? ": " + refused.text : "");
+  };
+  EXPECT_EQ(rule(1.1, 1.5), "");
+  EXPECT_EQ(rule(0.98, 1.5), "transfer: it raises the error of the voltage equation");
+  EXPECT_EQ(rule(1.5, 0.98), "transfer: it raises the error of the torque equation");
+}
+
 }  // namespace
 }  // namespace twinrate
