@@ -60,9 +60,10 @@ struct Summary {
   bool never_handed_over = false;   // the start was not over at the end of the run
   std::optional<double> speed_error_rms, angle_error_rms, angle_error_max;
   std::optional<double> speed_ripple_rms, speed_ripple_harmonics_rms;
-  double duration_s = 0;        // from the first to the last tick
-  std::int64_t steps = 0;       // ticks in the log
-  std::int64_t gains_used = 0;  // distinct gains the fast loop ran on, in the whole run
+  double duration_s = 0;         // from the first to the last tick
+  std::int64_t steps = 0;        // ticks in the log
+  std::int64_t gains_used = 0;   // distinct gains the fast loop ran on, in the whole run
+  bool rates_requested = false;  // a request set n or the gain policy of the drive file anew
   // First tick whose gain is computed every n ticks only (rates.n_from); empty: none.
   std::optional<std::int64_t> n_from_tick;
   std::optional<double> P44_min, P44_max;  // ekf_sensorless: angle variance, gains used, rad^2

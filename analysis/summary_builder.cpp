@@ -151,6 +151,7 @@ SummaryBuilder::SummaryBuilder(const RunLog& head, const RunOutline& outline,
     settled_s_ = std::max(settled_s_, outline.handed_over_s.value_or(outline.end_s));
   summary_.window_from_s = std::max(config.run.settle_s, settled_s_ - outline.begin_s);
   set_trip(head);
+  summary_.rates_requested = requests_rates(head);
   if (outline.has_truth()) {
     const auto ticks = std::min(static_cast<std::size_t>(outline.rows), kRippleTicks);
     theta_m_.reserve(ticks);

@@ -48,6 +48,7 @@ std::string to_json(const Summary& summary, const DriveConfig& config) {
   json["f_b_Hz"] = config.rates.f_s_Hz / n;
   json["n"] = n;
   json["policy"] = kGainPolicyNames[static_cast<int>(config.gain.policy)];
+  json["rates_requested"] = summary.rates_requested;
   json["n_from_tick"] = summary.n_from_tick ? Json(*summary.n_from_tick) : Json(nullptr);
   json["gains_used"] = summary.gains_used;
   json["P44_min"] = number(summary.P44_min);

@@ -43,7 +43,7 @@ Json loss_section(const RunView& view) {
   Figure speed = speed_figure(view, view.rows);
   speed.title = "Speed after the loss";
   push(speed, "c", "run");
-  return {{"heading", "The loss, at " + rates(view.run.config)},
+  return {{"heading", "The loss, at " + rates(view)},
           {"note", "The line marks its first sign: " + view.run.summary.lost_why + "."},
           {"columns", 1},
           {"figures", figures}};

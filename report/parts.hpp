@@ -46,7 +46,7 @@ void write_page(Json page, const std::string& title, const std::string& out_path
 // words.cpp
 std::string frequency(double f_Hz);
 std::string degrees(const std::optional<double>& angle_rad);  // "2.51"; "-" if empty
-std::string rates(const DriveConfig& config);                 // f_s, f_b, n, policy
+std::string rates(const RunView& view);                       // f_s, f_b, n, policy
 Json verdict(const RunView& view);                            // {state, headline, text}
 Json summary_table(const RunView& view);                      // [[quantity, value], ..]
 Json event_table(const RunLog& log);                          // [[t, process, reason, text], ..]

@@ -76,7 +76,7 @@ Json window_section(const RunView& view) {
     push(figures, P44_figure(rows), "window", "c");
     push(figures, gain_figure(rows), "window", "d");
   }
-  return {{"heading", fmt::format("The last turns at {}", rates(view.run.config))},
+  return {{"heading", fmt::format("The last turns at {}", rates(view))},
           {"note", "About four electrical turns, every tick; gains as the fast loop held them."},
           {"columns", 2},
           {"figures", std::move(figures)}};

@@ -107,13 +107,19 @@ std::string degrees(const std::optional<double>& angle_rad) {
   return angle_deg < 1e-6 ? "0" : fmt::format("{:.3g}", angle_deg);
 }
 
-std::string rates(const DriveConfig& config) {
+static std::string of_drive_file(const Summary& summary) {
+  return summary.rates_requested ? " in the drive file; for requests see the events" : "";
+}
+
+std::string rates(const RunView& view) {
+  const DriveConfig& config = view.run.config;
   const double f_s = config.rates.f_s_Hz;
   const int n = config.rates.n;
   const char* policy = kGainPolicyNames[static_cast<int>(config.gain.policy)];
-  if (n == 1) return fmt::format("f_s = f_b = {}, gain policy {}", frequency(f_s), policy);
-  return fmt::format("f_s = {}, f_b = f_s/{} = {}, gain policy {}", frequency(f_s), n,
-                     frequency(f_s / n), policy);
+  const std::string from = of_drive_file(view.run.summary);
+  if (n == 1) return fmt::format("f_s = f_b = {}, gain policy {}{}", frequency(f_s), policy, from);
+  return fmt::format("f_s = {}, f_b = f_s/{} = {}, gain policy {}{}", frequency(f_s), n,
+                     frequency(f_s / n), policy, from);
 }
 
 Json verdict(const RunView& view) {
@@ -122,7 +128,7 @@ Json verdict(const RunView& view) {
   if (view.rows.empty()) headline = "No verdict: the log is empty";
   if (!s.locked && !s.lost_why.empty()) headline = "No verdict: " + s.lost_why;
   if (s.locked) std::tie(state, headline) = judged(view);
-  std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view.run.config));
+  std::string text = fmt::format("{}: {}.", view.run.config.estimator.kind, rates(view));
   text += errors(view);
   if (view.lost()) text += aftermath(view);
   text += " " + losses(s);
@@ -184,9 +190,9 @@ static void add_run(const RunView& view, Json& rows) {
     rows.push_back({quantity, value});
   };
   add("f_s", frequency(config.rates.f_s_Hz));
-  add("f_b",
-      fmt::format("{} (n = {})", frequency(config.rates.f_s_Hz / config.rates.n), config.rates.n));
-  add("gain policy", kGainPolicyNames[static_cast<int>(config.gain.policy)]);
+  add("f_b", fmt::format("{} (n = {}){}", frequency(config.rates.f_s_Hz / config.rates.n),
+                         config.rates.n, of_drive_file(s)));
+  add("gain policy", kGainPolicyNames[static_cast<int>(config.gain.policy)] + of_drive_file(s));
   add("gains used", std::to_string(s.gains_used));
   add("window", fmt::format("{:.4g} .. {:.4g} s", view.settled_s(), view.end_s()));
   add("duration", fmt::format("{:.4g} s, {} steps", s.duration_s, s.steps));

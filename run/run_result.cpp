@@ -182,7 +182,7 @@ void print_figures(const DriveConfig& d, const Summary& s, const RunFacts& facts
   row("rates",
       fmt::format("f_s {:.0f} Hz, f_b {:.1f} Hz (n = {}), policy {}{}", d.rates.f_s_Hz,
                   d.rates.f_b_Hz, d.rates.n, kGainPolicyNames[static_cast<int>(d.gain.policy)],
-                  facts.rates_requested ? " in the drive file; for requests see the events" : ""));
+                  s.rates_requested ? " in the drive file; for requests see the events" : ""));
   if (d.locks_first())
     row("gain every tick",
         s.n_from_tick ? fmt::format("up to {:.4f} s, tick {}: the filter agrees with itself",
@@ -436,7 +436,6 @@ int conclude_run(const std::string& directory, const Config& config, RunFacts fa
   const RunLog& log = found.log;
   if (!found.ticks.measured_from_s()) return 1;
   Summary s = found.summary;
-  facts.rates_requested = requests_rates(log);
   const std::int64_t reached = std::llround(s.duration_s / config.drive().T_s());
   if (facts.ended.empty() && reached < config.drive().steps() && !is_endless(config.drive()))
     facts.ended = fmt::format("stopped at tick {} of {}", reached, config.drive().steps());

@@ -19,7 +19,6 @@ struct RunFacts {
   bool tags_checked = true;        // bus.authenticate, where there is a bus
   bool realtime = false;           // the log has host times worth a figure
   bool on_bus = false;             // messages can be lost
-  bool rates_requested = false;    // a request set n or the gain policy
   std::string scheduling;          // realtime: what the machine granted
   std::string how;                 // "launch, lock-step, 5 processes" or "simulate"
   std::string ended;               // cause of an early end; "" for a complete run

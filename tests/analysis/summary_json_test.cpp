@@ -41,6 +41,7 @@ TEST(Summary, JsonHoldsTheContractsKeys) {
                           "f_b_Hz",
                           "n",
                           "policy",
+                          "rates_requested",
                           "gains_used",
                           "n_from_tick",
                           "P44_min",

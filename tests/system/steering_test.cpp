@@ -6,6 +6,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -128,6 +129,16 @@ TEST_F(Steering, ARunFromTheSavedFileIsTheSteeredRunAndSoIsItsReplay) {
   const ProgramResult ended = stop();
   EXPECT_EQ(ended.exit_code, 0) << ended.out << ended.err;
   EXPECT_FALSE(std::filesystem::exists(run() + "/session.json"));
+  // No single n and policy hold for the run.
+  const auto read = [](const std::string& file) {
+    std::ifstream in(file);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  };
+  EXPECT_EQ(nlohmann::json::parse(read(run() + "/summary.json"))["rates_requested"], true);
+  EXPECT_NE(ended.out.find("in the drive file; for requests see the events"), std::string::npos)
+      << ended.out;
+  EXPECT_NE(read(run() + "/report.html").find("in the drive file; for requests see the events"),
+            std::string::npos);
 
   const ProgramResult saved = twinrate({"set", "--save", path("saved.toml"), "--run-dir", run()});
   ASSERT_EQ(saved.exit_code, 0) << saved.err;
