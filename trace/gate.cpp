@@ -104,7 +104,7 @@ double fall_in_motion(const Chain& whole, const JudgingRows& judging, const Samp
 
 // The fall of the voltage's error by a claim.
 struct VoltageFall {
-  double in_motion = 1;  // share from outputs around which the speed changes
+  double in_motion = 1;  // the part from outputs around which the speed changes, over its size
   double of_noise = 1;   // over the energy of the sensors' noise
 };
 
@@ -125,7 +125,13 @@ VoltageFall voltage_fall(const Chain& whole, const JudgingRows& judging, const S
     moving += energy(without.*channel, false) - energy(with.*channel, false);
     noise += energy(with.*noise_of, true);
   }
-  return {.in_motion = moving / all, .of_noise = all / noise};
+  return {.in_motion = moving / std::abs(all), .of_noise = all / noise};
+}
+
+// False for a claim that the voltage shows, with a gain of at most a tenth (by design) in the torque.
+bool rests_on_torque(const Vote& vote) {
+  constexpr double kLittle = 0.1;
+  return vote.of_torque && (!vote.of_voltage || vote.torque_share > kLittle);
 }
 
 // True for a kind that is a line at constant speed.
@@ -327,7 +333,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     for (const Doubt& doubt : doubts_())
       for (std::size_t m = 0; m < members.size(); ++m)
         if (((doubt.of_voltage && asked.votes[m].of_voltage) ||
-             (doubt.of_torque && asked.votes[m].of_torque)) &&
+             (doubt.of_torque && rests_on_torque(asked.votes[m]))) &&
             (doubt.of_frame || asked.votes[m].steady_share > kSteady))
           refuse(m, doubt.rule, "", 0, doubt.text);
   return out;

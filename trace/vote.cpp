@@ -257,7 +257,13 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
         -0.5 * std::log1p(-kTimes * noise_without / energy_without * (1 - std::exp(-2 * quieter)));
   const JudgingRows::Energies pieces = judging.pieces(with, without, moved);
   Vote vote{votes_of(pieces.without, pieces.with, silent, quieter), of_voltage, of_torque};
-  if (of_voltage && of_torque) vote.raised = raised(judging, with, without, moved, silent);
+  if (of_voltage && of_torque) {
+    const double of_all = energy_without - energy_with,
+                 in_torque = judging.energy(without, &Sampled::torque) -
+                             judging.energy(with, &Sampled::torque);
+    vote.torque_share = of_all > 0 ? in_torque / of_all : 1;
+    vote.raised = raised(judging, with, without, moved, silent);
+  }
   if (!through_zone) {
     vote.change_over_noise = change_over_noise(judging, with, without, moved);
     vote.along_beside_noise = along_beside_noise(judging, with, without, moved);

@@ -62,6 +62,7 @@ class JudgingRows {
 struct Vote : Votes {
   bool of_voltage = false, of_torque = false;  // equations that it moves
   double steady_share = 0;
+  double torque_share = 1;  // part of the fall of energy that is in the torque
 };
 
 // `with`, `without`: whitened residuals of the models with the claim and without it.

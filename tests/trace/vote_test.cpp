@@ -31,6 +31,27 @@ TEST(Vote, AClaimIsJudgedByItsOwnEquations) {
   EXPECT_TRUE(std::isinf(friction.change_over_noise));
 }
 
+// A doubt about the torque does not concern a flux that the voltage shows.
+TEST(Vote, ADoubtAboutTheTorqueRefusesAClaimThatRestsOnIt) {
+  const auto rule = [](double loads, double speeds) {
+    const Members claim = {effect_with("flux_linkage", {{"change_Wb", -0.01}})};
+    const FittedDrive drive(simulate_synthetic({.psi = SyntheticDrive{}.psi - 0.01,
+                                                .duration_s = 3,
+                                                .counts = 4096,
+                                                .speeds = speeds,
+                                                .loads = loads,
+                                                .omega_more = 60}),
+                            claim);
+    const Fitter fitter = drive.fitter();
+    Gate gate(fitter, drive.chain(), {});
+    gate.set_doubts([] { return std::vector<Gate::Doubt>{{"sign", "", false, true, true}}; });
+    const Passed passed = gate(claim);
+    return passed.refused.empty() ? "" : passed.refused.front().rule;
+  };
+  EXPECT_EQ(rule(0, 0.05), "");
+  EXPECT_EQ(rule(20, 0.05), "sign");
+}
+
 // A gain in one equation does not pay for a loss in the other.
 TEST(Vote, AClaimRaisesTheErrorOfNeitherEquation) {
   const FittedDrive drive(simulate_synthetic({.duration_s = 3}), {});
