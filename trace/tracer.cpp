@@ -188,7 +188,9 @@ TraceResult Tracing::of_other(const Record& log, std::string why, std::vector<ch
 TraceResult Tracing::without_voltage(std::string why, std::vector<char> judging, bool given) const {
   Record rest = log_;
   rest.u_alphabeta.clear();
-  return of_other(rest, std::move(why), std::move(judging), given);
+  TraceResult r = of_other(rest, std::move(why), std::move(judging), given);
+  r.sentence += " The voltage was not used: no electrical effect is traced.";
+  return r;
 }
 
 TraceResult Tracing::from_zero(double by, std::string why, std::vector<char> judging,

@@ -8,6 +8,7 @@
 #include "tests/trace/synthetic_drive.hpp"
 #include "trace/equations.hpp"
 #include "trace/keys.hpp"
+#include "trace/tracer.hpp"
 
 namespace twinrate {
 namespace {
@@ -84,6 +85,26 @@ TEST(VoltageMeaning, TheMeanOfTicksHoldsTheDropsAtTheRowsEnds) {
   const Equations equations(with, facts);
   EXPECT_GT(left(equations.residual({})), 1.0);
   EXPECT_LT(left(equations.residual({dead_time})), 1e-9);
+}
+
+// One row for ten ticks, whose voltage shows nothing and is left out.
+TEST(VoltageMeaning, TheSentenceSaysThatTheVoltageWasNotUsed) {
+  const RawLog ticks = simulate_synthetic({.duration_s = 8});
+  RawLog rows;
+  rows.path = "slow";
+  for (std::size_t k = 0; k < ticks.size(); k += 10) {
+    rows.t.push_back(ticks.t[k]);
+    for (const RawColumn& c : raw_columns())
+      if (!(ticks.*c.values).empty()) (rows.*c.values).push_back((ticks.*c.values)[k]);
+  }
+  const auto sentence = [](const RawLog& raw) {
+    Health health;
+    const Record record = make_record(raw, servo().machine.n_p, health);
+    return trace_record(record, servo(), health, {}).sentence;
+  };
+  const std::string unused = " The voltage was not used: no electrical effect is traced.";
+  EXPECT_TRUE(sentence(rows).ends_with(unused)) << sentence(rows);
+  EXPECT_EQ(sentence(ticks).find(unused), std::string::npos);
 }
 
 }  // namespace
