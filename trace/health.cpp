@@ -219,6 +219,7 @@ void Health::combine(const Health& other) {
   if (other.angle.lsb > angle.lsb) angle = other.angle;
   i_limit = std::max(i_limit, other.i_limit);
   i_sum_max = std::max(i_sum_max, other.i_sum_max);
+  i_digit = std::max(i_digit, other.i_digit);
   speed_lag = std::max(speed_lag, other.speed_lag);
   if (speed_scale == 1) speed_scale = other.speed_scale;
   if (T_s == 0) T_s = other.T_s;

@@ -16,6 +16,7 @@
 // Glitches of that length become straight lines. Longer gaps, frozen stretches and clipped rows are
 // left out of the trace.
 #pragma once
+#include <algorithm>
 #include <span>
 #include <string>
 #include <vector>
@@ -85,14 +86,16 @@ struct Health {
   bool stray = false;    // the stamps leave their grid, the rows do not
   bool uneven = false;   // the rows come at uneven times
   double i_sum_max = 0;  // A, of the three phase currents
+  double i_digit = 0;    // A, last decimal of the largest phase currents; 0: beyond the seventh
   double speed_lag = 0;  // s, of omega_m behind theta_m; 0: none visible
   double speed_scale = 1;
   bool no_angle = false, i_q_alone = false;  // assumed at rest; no i_d in the log, assumed 0
   std::vector<SignalFault> glitches, frozen;
   std::vector<std::size_t> constant;  // columns
   std::string blind;                  // why the currents are useless; empty: they are not
-  // False: i_c is computed from the other two.
-  bool i_c_measured() const { return i_sum_max >= kSumOfPhases; }
+  // False: i_c is computed from the other two. Three decimals, each rounded, are up to one and a
+  // half apart.
+  bool i_c_measured() const { return i_sum_max >= std::max(kSumOfPhases, 1.6 * i_digit); }
   static constexpr double kSumOfPhases = 1e-4;
   // The ADC's step limits the accuracy of the current.
   bool coarse(double i_rated) const { return i_lsb > 0.005 * (i_rated > 0 ? i_rated : 7); }

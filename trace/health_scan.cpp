@@ -82,6 +82,21 @@ double CurrentLevels::limit(double times) const {
              : 0;
 }
 
+void Decimals::add(double value) {
+  const double size = std::abs(value);
+  if (size < decade_) return;
+  if (size >= 10 * decade_) {
+    decade_ = std::pow(10, std::floor(std::log10(size)));
+    decimals_ = 0;
+  }
+  const auto whole = [](double x) { return std::abs(x - std::round(x)) < 1e-4; };
+  while (decimals_ < kMost && !whole(value * std::pow(10, decimals_))) ++decimals_;
+}
+
+double Decimals::digit() const {
+  return decade_ > 0 && decimals_ < kMost ? std::pow(10, -decimals_) : 0;
+}
+
 void CurrentValues::add(double value) {
   ++count_;
   if (!quantised_) return;
@@ -108,6 +123,7 @@ void HealthScan::look_at_currents(std::size_t k) {
   const double i_a = ahead_.i_a[k], i_b = ahead_.i_b[k];
   const double i_c = ahead_.i_c.empty() ? -(i_a + i_b) : ahead_.i_c[k];
   i_sum_max_ = std::max(i_sum_max_, std::abs(i_a + i_b + i_c));
+  for (double i : {i_a, i_b}) decimals_.add(i);
   a_.add(i_a);
   b_.add(i_b);
   const double largest = std::max(std::abs(i_a), std::abs(i_b));
@@ -246,6 +262,7 @@ Health HealthScan::result() const {
   h.speed_scale = speed.scale;
   h.jitter = std::sqrt(jitter_ / static_cast<double>(std::max<std::size_t>(1, kept_)));
   h.i_sum_max = i_sum_max_;
+  h.i_digit = decimals_.digit();
   if (const ClockScan::Stamps stamps = clock_.result(h.T_s); stamps.stray) {
     h.T_s = stamps.T_s;
     h.jitter = stamps.jitter;

@@ -45,6 +45,18 @@ class CurrentLevels {
   std::size_t run_ = 0;
 };
 
+// The last decimal of the largest values of a signal, as a file has them.
+class Decimals {
+ public:
+  void add(double value);
+  double digit() const;  // 0: beyond the seventh
+
+ private:
+  static constexpr int kMost = 8;
+  double decade_ = 0;  // of the largest value, a power of ten
+  int decimals_ = 0;   // of the values in it
+};
+
 class CurrentValues {
  public:
   void add(double value);
@@ -92,6 +104,7 @@ class HealthScan {
   std::size_t rows_ = 0, kept_ = 0, missing_ = 0, by_chance_ = 0;
   std::map<int, std::size_t> stale_;  // rows, by logarithm of the missed angle
   double jitter_ = 0, i_sum_max_ = 0;
+  Decimals decimals_;
 };
 
 }  // namespace twinrate

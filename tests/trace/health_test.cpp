@@ -338,5 +338,28 @@ TEST(Health, UnevenRowsOfATurningVoltageHaveNoLag) {
   }
 }
 
+// A file of few decimals. Two sensors: the third current is computed, and rounded like the others.
+TEST(Health, ARoundedSumOfTheCurrentsIsNoThirdSensor) {
+  const auto three_sensors = [](double digit, double amplitude_A, double noise_A) {
+    RawLog raw = turning_log();
+    const auto rounded = [digit](double x) { return digit * std::round(x / digit); };
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      const double a = amplitude_A * std::sin(0.11 * static_cast<double>(k)),
+                   b = amplitude_A * std::sin(0.11 * static_cast<double>(k) - 2.1);
+      raw.i_a[k] = rounded(a), raw.i_b[k] = rounded(b);
+      raw.i_c[k] = rounded(-a - b + noise_A * normal(5, 0, k));
+    }
+    Health health;
+    make_record(raw, 3, health);
+    return health.i_c_measured();
+  };
+  EXPECT_FALSE(three_sensors(1e-3, 12, 0));
+  EXPECT_TRUE(three_sensors(1e-3, 12, 5e-3));
+  EXPECT_FALSE(three_sensors(1e-4, 600, 0));
+  EXPECT_TRUE(three_sensors(1e-4, 600, 5e-3));
+  EXPECT_FALSE(three_sensors(1e-5, 12, 0));
+  EXPECT_TRUE(three_sensors(1e-5, 12, 1e-3));
+}
+
 }  // namespace
 }  // namespace twinrate
