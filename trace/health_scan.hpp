@@ -8,6 +8,7 @@
 #include <optional>
 #include <unordered_map>
 
+#include "trace/decimals.hpp"
 #include "trace/health.hpp"
 #include "trace/health_clock.hpp"
 #include "trace/health_faults.hpp"
@@ -43,18 +44,6 @@ class CurrentLevels {
   double top_ = 0, next_ = 0;                           // magnitudes
   std::size_t at_top_ = 0, at_next_ = 0, in_runs_ = 0;  // samples; in_runs: in runs of four or more
   std::size_t run_ = 0;
-};
-
-// The last decimal of the largest values of a signal, as a file has them.
-class Decimals {
- public:
-  void add(double value);
-  double digit() const;  // 0: beyond the seventh
-
- private:
-  static constexpr int kMost = 8;
-  double decade_ = 0;  // of the largest value, a power of ten
-  int decimals_ = 0;   // of the values in it
 };
 
 class CurrentValues {

@@ -9,8 +9,10 @@
 namespace twinrate {
 namespace {
 
-constexpr double kUnit = 1e-7;          // rad, closer readings are equal
-constexpr double kSame = 2e-6;          // rad, change of a reading by the digits of a file
+constexpr double kUnit = 1e-7;  // rad, closer readings are equal
+constexpr double kSame = 2e-6;  // rad, change of a reading by six digits or more
+constexpr double kFewDigits = 4;
+constexpr double kDigits = 1.5;         // last digits, change of a reading in all turns
 constexpr double kFinest = 2.3e-5;      // rad, step of 2^18 counts
 constexpr std::size_t kMost = 1 << 18;  // readings of a counter within a turn, with kSame
 constexpr std::size_t kFewest = 24;
@@ -37,9 +39,9 @@ double common_step(const std::vector<double>& sorted) {
 }
 
 // The way from row to row changes by whole steps, and often by less than half of itself.
-bool slips_by_steps(const std::vector<double>& bends, double step, double mean_way) {
-  const auto whole = [step](double bend) {
-    return std::abs(std::remainder(bend, step)) < 2 * kSame;
+bool slips_by_steps(const std::vector<double>& bends, double step, double mean_way, double same) {
+  const auto whole = [step, same](double bend) {
+    return std::abs(std::remainder(bend, step)) < 2 * same;
   };
   const auto slip = [mean_way](double bend) { return std::abs(bend) < mean_way / 2; };
   return std::all_of(bends.begin(), bends.end(), whole) &&
@@ -65,6 +67,7 @@ int Sensor::counts() const {
 }
 
 void AngleSteps::add(double theta_m) {
+  decimals_.add(theta_m);
   if (last_ && before_ && theta_m != *last_) {
     ++moves_;
     way_ += std::abs(std::remainder(theta_m - *last_, kTwoPi));
@@ -103,19 +106,23 @@ Sensor AngleSteps::sensor() const {
   if (!few_) return {};
   std::vector<long long> keys(readings_.begin(), readings_.end());
   std::sort(keys.begin(), keys.end());
+  const double digit = decimals_.digit(), same = std::max(kSame, kDigits * digit);
   std::vector<double> readings;
   for (long long key : keys)
     if (const double x = kUnit * static_cast<double>(key);
-        readings.empty() || x - readings.back() > kSame)
+        readings.empty() || x - readings.back() > same)
       readings.push_back(x);
   if (readings.size() < kFewest) return {};
-  if (const Sensor found = found_in(readings); found.lsb > 0 || declared_ <= 0) return found;
+  const Sensor found = found_in(readings, same);
+  // Steps of few digits are the digits themselves, to which a file rounds to the nearest.
+  if (found.lsb > 0 && found.lsb < kFewDigits * digit) return {.lsb = digit, .centre = 0};
+  if (found.lsb > 0 || declared_ <= 0) return found;
   const double step = kTwoPi / declared_;
   const std::complex<double> phase = mean_phase(readings, step);
   return step < kFinest || std::abs(phase) < kOnGrid ? Sensor{} : counter(step, phase);
 }
 
-Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
+Sensor AngleSteps::found_in(const std::vector<double>& readings, double same) const {
   const double counts = kTwoPi / common_step(readings), whole = std::round(counts);
   const double step = kTwoPi / whole;
   if (step < kFinest) return {};
@@ -125,7 +132,7 @@ Sensor AngleSteps::found_in(const std::vector<double>& readings) const {
   // sometimes differs by a few of them. A deviation by a whole row's step is a repeated row.
   const double moves = static_cast<double>(moves_);
   if (static_cast<double>(bends_) < kBends * moves && !moves_by_parts(ways_, step) &&
-      (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves)))
+      (1.5 * step > way_ / moves || !slips_by_steps(first_bends_, step, way_ / moves, same)))
     return {};
   return counter(step, phase);
 }

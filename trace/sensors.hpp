@@ -10,6 +10,8 @@
 #include <unordered_set>
 #include <vector>
 
+#include "trace/decimals.hpp"
+
 namespace twinrate {
 
 struct Sensor {
@@ -32,7 +34,8 @@ class AngleSteps {
   Sensor sensor() const;
 
  private:
-  Sensor found_in(const std::vector<double>& readings) const;  // sorted, within a turn
+  // `readings`: sorted, within a turn. `same`: rad, change of a reading by the digits of the file.
+  Sensor found_in(const std::vector<double>& readings, double same) const;
 
   int declared_;
   std::unordered_set<long long> readings_;  // within a turn, by tenths of a urad
@@ -44,6 +47,7 @@ class AngleSteps {
   double way_of_window_ = 0;           // rad
   std::size_t rows_of_window_ = 0;
   std::vector<double> first_bends_;  // rad
+  Decimals decimals_;
 };
 
 }  // namespace twinrate

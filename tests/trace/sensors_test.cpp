@@ -48,6 +48,19 @@ TEST(AngleSteps, AreFoundWhereverTheZeroIsAndWithSixDigits) {
   EXPECT_EQ(steps_of(8192, 0, 1e-6).counts(), 8192);
 }
 
+// A file of four decimals: each turn rounds the readings of a count to other digits.
+TEST(AngleSteps, AreFoundInAFileOfFewDigits) {
+  for (const int counts : {512, 1024, 4096}) {
+    const Sensor found = steps_of(counts, 0, 1e-4);
+    EXPECT_EQ(found.counts(), counts);
+    EXPECT_NEAR(found.centre, found.lsb / 2, 1e-12);
+  }
+  // The digits of an exact angle are rounded to the nearest.
+  const Sensor exact = steps_of(1 << 22, 0, 1e-4);
+  EXPECT_EQ(exact.centre, 0);
+  EXPECT_TRUE(exact.lsb == 0 || std::abs(exact.lsb - 1e-4) < 1e-12) << exact.lsb;
+}
+
 TEST(AngleSteps, OfReadingsThatStandAtCentresMoveNothing) {
   const Sensor found = steps_of(4096, 0.5);
   EXPECT_EQ(found.counts(), 4096);
