@@ -100,7 +100,9 @@ void ClockScan::add(double t, const double* theta_m, double T_s) {
     last_ = row;
     return;
   }
-  const double d = t - last_->t;
+  const double d = t - last_->t, row_number = static_cast<double>(rows_ - 1);
+  least_ = std::max(least_, (t - first_t_ - 2 * T_s) / row_number);
+  most_ = std::min(most_, (t - first_t_ + 2 * T_s) / row_number);
   steps_ += steps;
   missing_ += static_cast<std::size_t>(steps - 1);
   if (d > kGap * T_s) {
@@ -112,6 +114,7 @@ void ClockScan::add(double t, const double* theta_m, double T_s) {
   const double own = d / T_s - 1;
   ++intervals_;
   time_ += d;
+  time_squares_ += d * d;
   off_ += std::abs(d / T_s - std::max(1.0, std::round(d / T_s))) > kOff;
   if (before_) {
     const double d_before = last_->t - before_->t, own_before = d_before / T_s - 1;
@@ -135,10 +138,20 @@ void ClockScan::add(double t, const double* theta_m, double T_s) {
 
 ClockScan::Stamps ClockScan::result(double T_s) const {
   Stamps s{.T_s = T_s, .missing = missing_};
-  s.stray = static_cast<double>(off_) > kFewOff * static_cast<double>(intervals_);
-  if (!s.stray) return s;
+  const double intervals = static_cast<double>(intervals_);
+  s.stray = static_cast<double>(off_) > kFewOff * intervals;
   const double sigma = std::sqrt(angle_squares_ / std::max(1.0, static_cast<double>(turning_)) /
                                  std::max(1e-300, stamp_squares_));
+  // Stamps of few digits: single and double intervals within two of even rows, and the angle follows
+  // the row.
+  if (static_cast<double>(missing_) > kFewOff * intervals && gaps_ == 0 && least_ <= most_ &&
+      sigma < kToldApart && 2 * both_ <= stamp_squares_) {
+    const double T = time_ / intervals;
+    return {.stray = true,
+            .T_s = T,
+            .jitter = std::sqrt(0.5 * std::max(0.0, time_squares_ / (intervals * T * T) - 1))};
+  }
+  if (!s.stray) return s;
   s.uneven = sigma < kToldApart ? 2 * both_ > stamp_squares_
                                 : products_ > -0.25 * squares_;  // -0.5: around a grid; 0: no grid
   if (s.uneven) {

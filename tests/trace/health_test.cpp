@@ -338,6 +338,30 @@ TEST(Health, UnevenRowsOfATurningVoltageHaveNoLag) {
   }
 }
 
+// 9 kHz with four decimals of a second: every ninth interval is twice as long. The angle follows the
+// rows. Rows that are missing at random leave an even clock behind, and regular ones jump in angle.
+TEST(Health, StampsOfFewDigitsAreNoMissingRows) {
+  const auto health_of = [](auto&& skips) {
+    RawLog raw = turning_log(), few;
+    few.path = "few";
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      if (skips(k)) continue;
+      few.t.push_back(1e-4 * std::round(static_cast<double>(k) / 0.9));
+      for (const RawColumn& c : raw_columns())
+        if (!(raw.*c.values).empty()) (few.*c.values).push_back((raw.*c.values)[k]);
+    }
+    Health health;
+    make_record(few, 3, health);
+    return health;
+  };
+  const Health whole = health_of([](std::size_t) { return false; });
+  EXPECT_EQ(whole.missing_share, 0);
+  EXPECT_TRUE(whole.stray && !whole.uneven);
+  EXPECT_NEAR(whole.T_s, 1 / 9e3, 1e-8);
+  const Health lost = health_of([](std::size_t k) { return uniform(3, 0, k) < 0.05; });
+  EXPECT_GT(lost.missing_share, 0.04);
+}
+
 // A file of few decimals. Two sensors: the third current is computed, and rounded like the others.
 TEST(Health, ARoundedSumOfTheCurrentsIsNoThirdSensor) {
   const auto three_sensors = [](double digit, double amplitude_A, double noise_A) {
