@@ -12,8 +12,8 @@
 #include "model/effects/catalogue.hpp"
 #include "trace/contest.hpp"
 #include "trace/gate.hpp"
+#include "trace/keys.hpp"
 #include "trace/parallel.hpp"
-#include "trace/statistics.hpp"
 #include "trace/suspicion.hpp"
 #include "trace/thinning.hpp"
 
