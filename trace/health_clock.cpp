@@ -101,8 +101,8 @@ void ClockScan::add(double t, const double* theta_m, double T_s) {
     return;
   }
   const double d = t - last_->t, row_number = static_cast<double>(rows_ - 1);
-  least_ = std::max(least_, (t - first_t_ - 2 * T_s) / row_number);
-  most_ = std::min(most_, (t - first_t_ + 2 * T_s) / row_number);
+  shortest_ = std::max(shortest_, (t - first_t_ - 2 * T_s) / row_number);
+  longest_ = std::min(longest_, (t - first_t_ + 2 * T_s) / row_number);
   steps_ += steps;
   missing_ += static_cast<std::size_t>(steps - 1);
   if (d > kGap * T_s) {
@@ -144,7 +144,7 @@ ClockScan::Stamps ClockScan::result(double T_s) const {
                                  std::max(1e-300, stamp_squares_));
   // Stamps of few digits: single and double intervals within two of even rows, and the angle follows
   // the row.
-  if (static_cast<double>(missing_) > kFewOff * intervals && gaps_ == 0 && least_ <= most_ &&
+  if (static_cast<double>(missing_) > kFewOff * intervals && gaps_ == 0 && shortest_ <= longest_ &&
       sigma < kToldApart && 2 * both_ <= stamp_squares_) {
     const double T = time_ / intervals;
     return {.stray = true,

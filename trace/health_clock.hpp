@@ -50,7 +50,8 @@ class ClockScan {
   // Intervals that are no gaps: their number, those off the multiples of T_s, pairs; sums in T_s.
   std::size_t intervals_ = 0, off_ = 0, pairs_ = 0;
   double time_ = 0, time_squares_ = 0, squares_ = 0, products_ = 0, stray_squares_ = 0;
-  double least_ = 0, most_ = 1e300;  // s, interval of even rows within two intervals of all stamps
+  double shortest_ = 0,
+         longest_ = 1e300;  // s, interval of even rows within two intervals of all stamps
   // Second differences: of the angle, and of the stamps times omega_m.
   std::size_t turning_ = 0;
   double angle_squares_ = 0, stamp_squares_ = 0, both_ = 0;

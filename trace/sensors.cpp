@@ -9,9 +9,9 @@
 namespace twinrate {
 namespace {
 
-constexpr double kUnit = 1e-7;  // rad, closer readings are equal
-constexpr double kSame = 2e-6;  // rad, change of a reading by six digits or more
-constexpr double kFewDigits = 4;
+constexpr double kUnit = 1e-7;          // rad, closer readings are equal
+constexpr double kSame = 2e-6;          // rad, change of a reading by six digits or more
+constexpr double kFewDigits = 4;        // a shorter step is made by the digits of the file
 constexpr double kDigits = 1.5;         // last digits, change of a reading in all turns
 constexpr double kFinest = 2.3e-5;      // rad, step of 2^18 counts
 constexpr std::size_t kMost = 1 << 18;  // readings of a counter within a turn, with kSame

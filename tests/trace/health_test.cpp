@@ -9,6 +9,7 @@
 
 #include "model/random.hpp"
 #include "tests/trace/synthetic_drive.hpp"
+#include "trace/decimals.hpp"
 #include "trace/tracer.hpp"
 
 namespace twinrate {
@@ -360,6 +361,14 @@ TEST(Health, StampsOfFewDigitsAreNoMissingRows) {
   EXPECT_NEAR(whole.T_s, 1 / 9e3, 1e-8);
   const Health lost = health_of([](std::size_t k) { return uniform(3, 0, k) < 0.05; });
   EXPECT_GT(lost.missing_share, 0.04);
+}
+
+// One value of the next decade ends in zeros, and a limit repeats.
+TEST(Health, TheDigitsOfASignalAreThoseOfManyValues) {
+  Decimals decimals;
+  for (int k = 0; k < 1000; ++k) decimals.add(1e-3 * std::round(9900 * std::sin(0.7 * k)));
+  for (int k = 0; k < 1000; ++k) decimals.add(100);
+  EXPECT_NEAR(decimals.digit(), 1e-3, 1e-12);
 }
 
 // A file of few decimals. Two sensors: the third current is computed, and rounded like the others.
