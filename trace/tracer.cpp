@@ -13,6 +13,7 @@
 #include "trace/conclude.hpp"
 #include "trace/consistency.hpp"
 #include "trace/doubts.hpp"
+#include "trace/either_meaning.hpp"
 #include "trace/findings.hpp"
 #include "trace/half_rate.hpp"
 #include "trace/keys.hpp"
@@ -113,11 +114,9 @@ struct Readable {
   std::string no_voltage;  // the reason why no row has one
 };
 
-Readable readable(const Record& log, const DriveFacts& facts) {
+Readable readable(const Record& log, const DriveFacts& facts, VoltageMeaning voltage) {
   const int n_p = facts.machine.n_p;
-  Readable r{.changed = {}, .voltage = voltage_meaning(log, facts), .fast = {}, .no_voltage = {}};
-  r.no_voltage = r.voltage.doubt;
-  if (!r.no_voltage.empty()) return r;
+  Readable r{.changed = {}, .voltage = std::move(voltage), .fast = {}, .no_voltage = {}};
   if (r.voltage.of_tick) r.changed = with_mean_of_ticks(log, facts);
   const std::size_t rows = fast_rows(log, n_p);
   if (rows == 0) return r;
@@ -151,6 +150,10 @@ class Tracing {
   TraceResult operator()(std::vector<char> judging);
 
  private:
+  TraceResult of_meaning(VoltageMeaning voltage, std::vector<char> judging, bool given);
+  // What a mean and a tick's value both show, or what one of them explains; else the trace without
+  // the voltage.
+  TraceResult of_either(const VoltageMeaning& voltage, std::vector<char> judging, bool given);
   TraceResult trace_rows(const Readable& log, std::vector<char> judging, bool given);
   // The record with the voltage that acted under the ripple of the bus.
   std::optional<Record> as_bus_acted(const Record& raw, BusRipple& bus) const;
@@ -281,14 +284,53 @@ TraceResult Tracing::operator()(std::vector<char> judging) {
   if (auto found = inconsistencies(log_, health_, facts_, drive_.sensors.encoder_counts);
       !found.empty())
     return inconsistent_result(std::move(found), health_);
-  Readable log = readable(log_, facts_);
+  const VoltageMeaning voltage = voltage_meaning(log_, facts_);
   const bool given = !judging.empty();
+  return voltage.doubt.empty() ? of_meaning(voltage, std::move(judging), given)
+                               : of_either(voltage, std::move(judging), given);
+}
+
+TraceResult Tracing::of_meaning(VoltageMeaning voltage, std::vector<char> judging, bool given) {
+  Readable log = readable(log_, facts_, std::move(voltage));
   if (!log.no_voltage.empty())
     return without_voltage(std::move(log.no_voltage), std::move(judging), given);
   if (!given)
     judging =
         held_out_rows(log.changed ? *log.changed : log_, settings_.holdout, facts_.machine.n_p);
+  freed_ = 0;
   return trace_rows(log, std::move(judging), given);
+}
+
+TraceResult Tracing::of_either(const VoltageMeaning& voltage, std::vector<char> judging,
+                               bool given) {
+  const auto as = [&](bool of_tick) {
+    return of_meaning({.doubt = "",
+                       .of_tick = of_tick,
+                       .open_e = voltage.open_e,
+                       .open_s = voltage.open_s,
+                       .told = ""},
+                      judging, given);
+  };
+  TraceResult of_mean = as(false), of_tick = as(true);
+  std::optional<TraceResult> r = shown_by_both(of_mean, of_tick);
+  std::string how = "it was traced as either, with the same effects";
+  if (!r && explains_alone(of_mean, of_tick)) {
+    r = std::move(of_mean);
+    how = "taken for the mean, beside which the effects leave no structure";
+  } else if (!r && explains_alone(of_tick, of_mean)) {
+    r = std::move(of_tick);
+    how = "taken for a tick's, beside which the effects leave no structure";
+  }
+  if (!r)
+    return without_voltage(voltage.doubt +
+                               ", and no effect was shown for either: no electrical effect is "
+                               "traced. Log every tick, or the mean voltage from row to row in "
+                               "stator axes",
+                           std::move(judging), given);
+  r->health.push_back(fmt::format(
+      "{}: {}; an encoder_offset below {:.2g} rad and a lag below {:.2g} s are not traced",
+      voltage.doubt, how, voltage.open_e / facts_.machine.n_p, voltage.open_s));
+  return std::move(*r);
 }
 
 // True if the member acts on the torque equation alone.

@@ -75,12 +75,12 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
         rows, slow.open_e / facts.machine.n_p, slow.open_s);
     return slow;
   }
-  return {.doubt = fmt::format(
-              "{}, and its voltage is neither clearly the mean of the interval nor that of a tick "
-              "({}): no "
-              "electrical effect is traced. Log every tick, or the mean voltage from row to row in "
-              "stator axes",
-              rows, compared)};
+  return {
+      .doubt = fmt::format("{}, and its voltage is neither clearly the mean of the interval nor "
+                           "that of a tick ({})",
+                           rows, compared),
+      .open_e = mean.mean_interval_e,
+      .open_s = record.T_s};
 }
 
 Record with_mean_of_ticks(const Record& record, const DriveFacts& facts) {

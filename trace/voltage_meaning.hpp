@@ -11,7 +11,7 @@ namespace twinrate {
 // is taken as the mean from row to row, which the voltage equation needs, its frame is half an
 // interval late: this looks like another zero of the angle, or like a late voltage.
 struct VoltageMeaning {
-  std::string doubt;     // why it is neither; empty: it is one of them, or it hardly matters
+  std::string doubt;     // why it may be either; empty: it is one of them, or it hardly matters
   bool of_tick = false;  // a tick's value fits better
   // Remaining uncertainty: of the frame in rad, electrical (the turn of an interval too short to
   // distinguish the two, or of a tick), and of the moment in s. 0: none.
