@@ -59,11 +59,12 @@ void CurrentLevels::add(double value) {
     next_ = top_;
     at_next_ = at_top_;
     top_ = size;
-    at_top_ = run_ = in_runs_ = 0;
+    at_top_ = run_ = in_runs_ = visits_ = 0;
   }
   const bool here = size > top_ - tolerance(top_);
   at_top_ += here;
   run_ = here ? run_ + 1 : 0;
+  if (run_ == 1) ++visits_;
   if (run_ == 4) in_runs_ += 4;
   if (run_ > 4) ++in_runs_;
   if (here || size <= next_ - tolerance(top_)) return;
@@ -80,6 +81,17 @@ double CurrentLevels::limit(double times) const {
                  static_cast<double>(at_top_) > times * static_cast<double>(at_next_)
              ? top_
              : 0;
+}
+
+// The common limit of two sensors that few rows in succession hold, in a log of few rows a second; 0:
+// none. A sine has at most 2.4 times as many samples in its top step as in the next.
+double common_limit(const CurrentLevels& a, const CurrentLevels& b) {
+  constexpr std::size_t kVisits = 4, kTimes = 5;
+  if (std::abs(a.top() - b.top()) > tolerance(a.top()) ||
+      std::min(a.visits(), b.visits()) < kVisits ||
+      a.at_top() + b.at_top() <= kTimes * (a.just_below() + b.just_below()))
+    return 0;
+  return std::min(a.top(), b.top());
 }
 
 void CurrentValues::add(double value) {
@@ -235,6 +247,7 @@ Health HealthScan::result() const {
   constexpr double kTimesCoarse = 3;
   if (h.i_limit == 0 && std::abs(a_.top() - b_.top()) < tolerance(a_.top()))
     h.i_limit = std::min(a_.limit(kTimesCoarse), b_.limit(kTimesCoarse));
+  if (h.i_limit == 0) h.i_limit = common_limit(a_, b_);
   if (h.i_limit > 0) {
     const bool both = std::abs(any_.top() - h.i_limit) < tolerance(h.i_limit);
     h.clipped_share = share(both             ? any_.at_top()

@@ -39,11 +39,13 @@ class CurrentLevels {
   double limit(double times = 5) const;
   double top() const { return top_; }
   std::size_t at_top() const { return at_top_; }
+  std::size_t just_below() const { return at_next_; }
+  std::size_t visits() const { return visits_; }  // of the top: runs of samples
 
  private:
   double top_ = 0, next_ = 0;                           // magnitudes
   std::size_t at_top_ = 0, at_next_ = 0, in_runs_ = 0;  // samples; in_runs: in runs of four or more
-  std::size_t run_ = 0;
+  std::size_t run_ = 0, visits_ = 0;
 };
 
 class CurrentValues {

@@ -235,6 +235,25 @@ TEST(Health, ACoarseScaleHasALimitWhereItIsCutAlone) {
   EXPECT_NEAR(limit(2, 1.7), 1.68, 1e-9);
 }
 
+// A vector that turns by 0.9 rad a row passes a limit within a row or two.
+TEST(Health, ALimitThatFewRowsInSuccessionHoldIsCommonToTwoSensors) {
+  const auto limit = [](double cut_a, double cut_b) {
+    RawLog raw = turning_log();
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      const double turn = 0.9 * static_cast<double>(k);
+      const Vec3 i = inverse_clarke(2 * Vec2(std::cos(turn), std::sin(turn)));
+      raw.i_a[k] = std::clamp(i[0], -cut_a, cut_a);
+      raw.i_b[k] = std::clamp(i[1], -cut_b, cut_b);
+    }
+    Health health;
+    make_record(raw, 3, health);
+    return health.i_limit;
+  };
+  EXPECT_EQ(limit(1.9, 1.9), 1.9);
+  EXPECT_EQ(limit(3, 3), 0);
+  EXPECT_EQ(limit(1.9, 1.8), 0);
+}
+
 TEST(Health, ConstantCurrentsGiveNoScale) {
   RawLog raw = turning_log();
   const auto verdict = [&] {
