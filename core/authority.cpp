@@ -26,6 +26,7 @@ std::optional<RunningSet> running_in(const fs::path& directory) {
   if (!in) return {};
   try {
     const auto json = nlohmann::json::parse(in);
+    if (!json.at("pid").is_number_integer() || !json.at("session").is_number_integer()) return {};
     const auto pid = json.at("pid").get<std::int64_t>();
     if (pid < 1 || pid > std::numeric_limits<pid_t>::max()) return {};  // kill() would mean others
     if (kill(static_cast<pid_t>(pid), 0) != 0 && errno == ESRCH) return {};

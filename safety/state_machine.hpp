@@ -100,7 +100,7 @@ class SafetyMachine {
   Off off_ = Off::kShort;
   double current_share_ = 1;
   int missing_ticks_ = 0, not_finite_ticks_ = 0, over_current_ticks_ = 0, faulty_ticks_ = 0;
-  int faulty_before_ = 0, faulty_now_ = 0;
+  int faulty_before_ = 0;
   double omega_m_ = 0;
   bool speed_known_ = false;
   double since_clamped_s_ = 1;
