@@ -83,8 +83,13 @@ UnitCheck check_units(const ImportOptions& o, const ImportMap& map, const DriveC
     if (log->may_wrap()) unwrap_turns(raw.theta_m);
     Health health;
     const Record record = make_record(raw, drive.machine.n_p, health, drive.sensors.encoder_counts);
-    for (const Inconsistency& i :
-         inconsistencies(record, health, drive.facts(), drive.sensors.encoder_counts)) {
+    const std::vector<Inconsistency> found =
+        inconsistencies(record, health, drive.facts(), drive.sensors.encoder_counts);
+    if (std::string why = hidden_turns(record, health, drive.facts(), found); !why.empty()) {
+      check.warnings.push_back(std::move(why));
+      return check;
+    }
+    for (const Inconsistency& i : found) {
       check.warnings.push_back(inconsistency_in_words(i));
       check.time_fits = check.time_fits && i.quantity != "t";
     }

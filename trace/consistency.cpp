@@ -13,11 +13,13 @@
 namespace twinrate {
 namespace {
 
+constexpr const char* kAnotherMachine = "another machine, or a scale of the signals?";
+
 Inconsistency of_ratio(const char* quantity, const char* unit, double declared,
                        const ScaleRatio& r) {
   return {quantity, fmt::format("{:.3g} {}", declared, unit),
           fmt::format("{:.3g} +- {:.2g} {}", r.value * declared, r.sigma * declared, unit),
-          "another machine, or a scale of the signals?"};
+          kAnotherMachine};
 }
 
 // The unit that fits all scales; without one, the scales beyond their bounds.
@@ -152,6 +154,48 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
     if (!told) found.push_back(std::move(x));
   }
   return found;
+}
+
+std::string hidden_turns(const Record& record, const Health& health, const DriveFacts& facts,
+                         const std::vector<Inconsistency>& found) {
+  constexpr double kHalfTurn = kTwoPi / 2, kNearHalf = 0.8 * kHalfTurn;  // rad
+  constexpr double kOften = 0.01, kMostly = 0.5;                         // of the rows
+  if (std::any_of(found.begin(), found.end(),
+                  [](const Inconsistency& i) { return i.hint != kAnotherMachine; }))
+    return {};
+  const MachineParameters& m = facts.machine;
+  const double by_bus = m.psi_f > 0 ? facts.v_dc / (std::sqrt(3.0) * m.n_p * m.psi_f) : 0,
+               fastest = std::max(m.omega_m_rated, by_bus);
+  const auto far_apart = [&](const std::string& why) {
+    return fmt::format(
+        "the rows are too far apart: {}. Log at least {:.0f} rows a second, or an angle that "
+        "counts turns",
+        why, std::ceil(fastest / (0.5 * kHalfTurn)));
+  };
+  if (health.hidden_turns.value_or(0) > kMostly)
+    return far_apart("from row to row omega_m turns the rotor by whole turns more than theta_m");
+  if (health.hidden_turns) return {};  // omega_m shows that there are none
+  std::size_t near_half = 0;
+  double largest = 0;
+  for (std::size_t k = 1; k < record.theta_m.size(); ++k) {
+    const double turn = std::abs(record.theta_m[k] - record.theta_m[k - 1]);
+    near_half += turn > kNearHalf;
+    largest = std::max(largest, turn);
+  }
+  // An angle that counts turns may turn by more.
+  if (largest <= 1.001 * kHalfTurn &&
+      static_cast<double>(near_half) > kOften * static_cast<double>(record.size()))
+    return far_apart(
+        fmt::format("theta_m turns by up to {:.2g} rad from row to row, and does not "
+                    "show in which direction",
+                    largest));
+  if (!found.empty() && fastest * record.T_s > kHalfTurn)
+    return far_apart(
+        fmt::format("a rotor faster than {:.0f} rad/s turns by more than half a turn "
+                    "from row to row, and the log shows another {} at the speed of "
+                    "theta_m",
+                    kHalfTurn / record.T_s, found.front().quantity));
+  return {};
 }
 
 std::string sign_in_doubt(const Record& record, const DriveFacts& facts) {

@@ -20,6 +20,12 @@ namespace twinrate {
 // `encoder_counts`: of the drive file; 0: unknown. Empty: the log and the drive file agree.
 std::vector<Inconsistency> inconsistencies(const Record& record, const Health& health,
                                            const DriveFacts& facts, int encoder_counts = 0);
+// The reason why theta_m may not show the speed: from row to row the rotor may turn by more than half a
+// turn, of which an angle within one turn shows the remainder. Empty: it shows the speed. `found`:
+// the inconsistencies. A unit or another reading explains the log; another machine may be such a
+// speed.
+std::string hidden_turns(const Record& record, const Health& health, const DriveFacts& facts,
+                         const std::vector<Inconsistency>& found);
 // Of currents that are far above the rated one; `sizes`: of each row, A.
 std::optional<Inconsistency> far_current(std::vector<double> sizes, const DriveFacts& facts);
 // The reason why the sign of the motor's torque is open; empty: it is known. Currents of the other

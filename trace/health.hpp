@@ -17,6 +17,7 @@
 // left out of the trace.
 #pragma once
 #include <algorithm>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -89,6 +90,7 @@ struct Health {
   double i_digit = 0;    // A, last decimal of the largest phase currents; 0: beyond the seventh
   double speed_lag = 0;  // s, of omega_m behind theta_m; 0: none visible
   double speed_scale = 1;
+  std::optional<double> hidden_turns;        // share of the rows; none: no omega_m to compare with
   bool no_angle = false, i_q_alone = false;  // assumed at rest; no i_d in the log, assumed 0
   std::vector<SignalFault> glitches, frozen;
   std::vector<std::size_t> constant;  // columns

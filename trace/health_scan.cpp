@@ -258,6 +258,7 @@ Health HealthScan::result() const {
   const SpeedAgainstAngle::Difference speed = speed_.difference();
   h.speed_lag = speed.lag_s;
   h.speed_scale = speed.scale;
+  h.hidden_turns = speed.hidden_turns;
   h.jitter = std::sqrt(jitter_ / static_cast<double>(std::max<std::size_t>(1, kept_)));
   h.i_sum_max = i_sum_max_;
   h.i_digit = decimals_.digit();
@@ -270,7 +271,8 @@ Health HealthScan::result() const {
   }
   h.glitches = glitches_.found();
   h.frozen = frozen_.found();
-  if (!h.frozen.empty()) h.speed_lag = 0, h.speed_scale = 1;  // compared with a frozen signal
+  if (!h.frozen.empty())
+    h.speed_lag = 0, h.speed_scale = 1, h.hidden_turns = {};  // compared with a frozen signal
   h.no_angle = ahead_.no_angle;
   h.i_q_alone =
       !ahead_.i_q.empty() && ahead_.i_d.empty() && ahead_.i_alpha.empty() && ahead_.i_a.empty();

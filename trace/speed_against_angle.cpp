@@ -1,6 +1,7 @@
 #include "trace/speed_against_angle.hpp"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
 #include "model/frames.hpp"
@@ -10,6 +11,7 @@ namespace {
 
 constexpr std::size_t kWindow = 101, kEnd = 5, kEvery = 16;  // rows; kEnd: a mean at either end
 constexpr std::size_t kFewest = 30;                          // windows
+constexpr double kHalfTurn = kTwoPi / 2, kSameTurn = 0.3;    // rad
 
 }  // namespace
 
@@ -19,8 +21,13 @@ void SpeedAgainstAngle::add(double t, double theta_m, double omega_m, double T_s
   Row row{t, theta_m, omega_m, 0, 0};
   if (!rows_.empty()) {
     const Row& before = rows_.back();
-    row.turned = before.turned + wrap_pi(theta_m - before.theta_m);
-    row.integral = before.integral + 0.5 * (t - before.t) * (omega_m + before.omega_m);
+    const double step = wrap_pi(theta_m - before.theta_m),
+                 integral = 0.5 * (t - before.t) * (omega_m + before.omega_m);
+    row.turned = before.turned + step;
+    row.integral = before.integral + integral;
+    const double more = integral - step;
+    hidden_ += std::abs(more) > kHalfTurn && std::abs(wrap_pi(more)) < kSameTurn;
+    steps_ += std::abs(integral) > kSameTurn;
   }
   rows_.push_back(row);
   ++since_last_;
@@ -40,15 +47,18 @@ void SpeedAgainstAngle::add(double t, double theta_m, double omega_m, double T_s
 SpeedAgainstAngle::Difference SpeedAgainstAngle::difference() const {
   constexpr double kPlain = 0.5;  // of the residual of the integral: a lag explains more
   constexpr double kSigmas = 10, kSameScale = 0.01;
-  if (windows_ < kFewest || !(products_(0, 0) > 0) || !(products_(1, 1) > 0)) return {};
+  Difference d;
+  if (windows_ >= kFewest)
+    d.hidden_turns =
+        static_cast<double>(hidden_) / static_cast<double>(std::max<std::size_t>(1, steps_));
+  if (windows_ < kFewest || !(products_(0, 0) > 0) || !(products_(1, 1) > 0)) return d;
   const Eigen::Matrix2d A = products_.topLeftCorner<2, 2>();
   const Eigen::Vector2d b = products_.topRightCorner<2, 1>();
-  if (!(A.determinant() > 1e-9 * A(0, 0) * A(1, 1))) return {};
+  if (!(A.determinant() > 1e-9 * A(0, 0) * A(1, 1))) return d;
   const Eigen::Vector2d x = A.inverse() * b;  // lag/scale, 1/scale
   const double rest = std::max(0.0, products_(2, 2) - x.dot(b));
   const double without_lag = std::max(0.0, products_(2, 2) - b[1] * b[1] / A(1, 1));
   const Eigen::Matrix2d covariance = rest / static_cast<double>(windows_) * A.inverse();
-  Difference d;
   if (!(x[1] > 0)) return d;
   if (std::abs(1 / x[1] - 1) > kSameScale &&
       std::abs(x[1] - 1) > kSigmas * std::sqrt(covariance(1, 1)))

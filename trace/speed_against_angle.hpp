@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <deque>
+#include <optional>
 
 namespace twinrate {
 
@@ -18,6 +19,9 @@ class SpeedAgainstAngle {
   struct Difference {
     double lag_s = 0;  // of omega_m behind theta_m; 0: none visible
     double scale = 1;  // of omega_m; 1: no error visible
+    // Share of the rows up to which the speed turns by whole turns more than theta_m shows; none: too
+    // few rows.
+    std::optional<double> hidden_turns;
   };
   Difference difference() const;
 
@@ -27,6 +31,7 @@ class SpeedAgainstAngle {
   };
   std::deque<Row> rows_;
   std::size_t since_last_ = 0, windows_ = 0;
+  std::size_t steps_ = 0, hidden_ = 0;  // rows that the rotor turns up to; with whole turns hidden
   Eigen::Matrix3d products_ = Eigen::Matrix3d::Zero();  // of gained, integral and turned
 };
 

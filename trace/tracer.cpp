@@ -274,16 +274,18 @@ void Tracing::tell_refused(const std::vector<Refused>& refused) const {
 }
 
 TraceResult Tracing::operator()(std::vector<char> judging) {
-  if (!health_.blind.empty()) {
+  const auto cannot_tell = [&](const std::string& why) {
     TraceResult r;
     r.verdict = "ambiguous";
-    r.sentence = "Cannot tell: " + health_.blind + ".";
+    r.sentence = "Cannot tell: " + why + ".";
     r.health = health_.lines();
     return r;
-  }
-  if (auto found = inconsistencies(log_, health_, facts_, drive_.sensors.encoder_counts);
-      !found.empty())
-    return inconsistent_result(std::move(found), health_);
+  };
+  if (!health_.blind.empty()) return cannot_tell(health_.blind);
+  auto found = inconsistencies(log_, health_, facts_, drive_.sensors.encoder_counts);
+  if (const std::string why = hidden_turns(log_, health_, facts_, found); !why.empty())
+    return cannot_tell(why);
+  if (!found.empty()) return inconsistent_result(std::move(found), health_);
   const VoltageMeaning voltage = voltage_meaning(log_, facts_);
   const bool given = !judging.empty();
   return voltage.doubt.empty() ? of_meaning(voltage, std::move(judging), given)
