@@ -227,6 +227,8 @@ void Health::combine(const Health& other) {
   uneven |= other.uneven;
   no_angle |= other.no_angle;
   i_q_alone |= other.i_q_alone;
+  if (other.hidden_turns) hidden_turns = std::max(hidden_turns.value_or(0), *other.hidden_turns);
+  pauses.insert(pauses.end(), other.pauses.begin(), other.pauses.end());
   glitches.insert(glitches.end(), other.glitches.begin(), other.glitches.end());
   frozen.insert(frozen.end(), other.frozen.begin(), other.frozen.end());
   // A signal that changes in one of the logs is alive.

@@ -74,6 +74,11 @@ struct SignalFault {
   double t_begin = 0, t_end = 0;  // s, of the first and the last row
 };
 
+// A part of the log without rows.
+struct Pause {
+  double t_begin, t_end;  // s, of the last row before it and of the first row behind it
+};
+
 struct Health {
   std::size_t rows = 0;
   double T_s = 0;  // sampling interval
@@ -93,6 +98,7 @@ struct Health {
   std::optional<double> hidden_turns;        // share of the rows; none: no omega_m to compare with
   bool no_angle = false, i_q_alone = false;  // assumed at rest; no i_d in the log, assumed 0
   std::vector<SignalFault> glitches, frozen;
+  std::vector<Pause> pauses;          // without rows; none if there are many: rows are missing then
   std::vector<std::size_t> constant;  // columns
   std::string blind;                  // why the currents are useless; empty: they are not
   // False: i_c is computed from the other two. Three decimals, each rounded, are up to one and a

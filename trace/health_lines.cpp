@@ -48,6 +48,8 @@ std::vector<std::string> Health::lines() const {
     lines.push_back(
         fmt::format("frozen signals: {}; up to {:.3g} s, left out", by_signal(frozen), longest));
   }
+  for (const Pause& pause : pauses)
+    lines.push_back(fmt::format("no rows from {:.6g} to {:.6g} s", pause.t_begin, pause.t_end));
   if (stray)
     lines.push_back(fmt::format(
         "time stamps jitter by {:.3g} us rms; rows are treated as even, every {:.6g} us",

@@ -18,6 +18,10 @@ double tolerance(double level) {
 
 constexpr double kWayBin = 0.02;  // of the logarithm of the missed angle
 
+// A logger that loses rows at random, even half of them, loses no 20 in succession; one that loses
+// them in bursts does so again and again.
+constexpr std::size_t kPauseRows = 20, kMostPauses = 3;
+
 int missed_bin(double way) {
   return static_cast<int>(std::floor(std::log(way) / kWayBin));
 }
@@ -178,7 +182,13 @@ void HealthScan::take(std::size_t end) {
     if (t_kept_) {
       const double span = (ahead_.t[k] - *t_kept_) / T_s;
       const auto steps = std::max<std::int64_t>(1, std::llround(span));
-      missing_ += static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
+      const auto missing =
+          static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
+      missing_ += missing;
+      if (missing > kPauseRows) {
+        in_pauses_ += missing;
+        if (pauses_.size() <= kMostPauses) pauses_.push_back({*t_kept_, ahead_.t[k]});
+      }
       jitter_ += std::pow(span - static_cast<double>(steps), 2);
     }
     if (!ahead_.omega_m.empty() && !ahead_.theta_m.empty() && !bad[k])
@@ -232,7 +242,13 @@ Health HealthScan::result() const {
   const auto share = [](std::size_t part, std::size_t whole) {
     return static_cast<double>(part) / static_cast<double>(std::max<std::size_t>(1, whole));
   };
-  h.missing_share = share(missing_, rows_ + missing_);
+  const std::size_t paused = pauses_.size() <= kMostPauses ? in_pauses_ : 0;
+  if (paused > 0) h.pauses = pauses_;
+  const auto lost = [&](std::size_t missing) {
+    const std::size_t left = missing - std::min(missing, paused);
+    return share(left, rows_ + left);
+  };
+  h.missing_share = lost(missing_);
   h.i_lsb = values_a_.step();
   h.angle = angle_.sensor();
   std::size_t stale = 0;
@@ -267,7 +283,7 @@ Health HealthScan::result() const {
     h.jitter = stamps.jitter;
     h.uneven = stamps.uneven;
     h.stray = !stamps.uneven;
-    h.missing_share = share(stamps.missing, rows_ + stamps.missing);
+    h.missing_share = lost(stamps.missing);
   }
   h.glitches = glitches_.found();
   h.frozen = frozen_.found();

@@ -86,6 +86,15 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
             "its change has {:.2g} times the energy of the change that it makes in the sensor "
             "noise and in the controller's response to that noise; {:.0f} is required",
             v.change_over_noise, needed));
+  // Without a known response (12 such drawn logs, and three with noise added to their voltage), false
+  // claims reach 36 standard deviations and 1000 times the energy, true ones have 85 or 22,000.
+  constexpr double kBesideUnknown = 60, kBeyondUnknown = 5000;
+  if (v.answer_unknown && v.change_over_noise < kBeyondUnknown &&
+      v.along_beside_noise < kBesideUnknown)
+    return noise(v.along_beside_noise,
+                 fmt::format("it is {:.2g} standard deviations of the sensors' noise; {:.0f} are "
+                             "required, because the controller's response to that noise is unknown",
+                             v.along_beside_noise, kBesideUnknown));
   // A false cross saturation of a drawn log with nothing missing has 234 times the energy, but 1.8
   // standard deviations along its change.
   if (v.over_noise < kNoiseAsWell && std::isfinite(v.change_over_noise) &&

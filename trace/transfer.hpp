@@ -43,6 +43,7 @@ struct Votes {
   // As along_change, for a claim that holds noise: less the part in common with the residual's
   // noise.
   double along_beside_noise = 0;
+  bool answer_unknown = false;    // no response of the controller to the noise could be found
   Raised raised;                  // of a claim on both equations
   std::map<int, double> worse;    // by file: chance of pieces so much worse
   std::map<int, double> of_file;  // mean of r_b

@@ -162,6 +162,15 @@ Sampled answered_noise_of(const Sampled& y) {
   return noise;
 }
 
+// True if no response of the controller to the sensors' noise is drawn: its identified loop is
+// unstable, or there are too few rows.
+bool has_no_answer(const Sampled& y) {
+  const auto none = [](const Eigen::VectorXd& answer) {
+    return answer.size() == 0 || answer.isZero(0);
+  };
+  return none(y.answer_d) && none(y.answer_q);
+}
+
 // Energy of the claim's change of the voltages over that of its change of the noise in them.
 double change_over_noise(const JudgingRows& judging, const Sampled& with, const Sampled& without,
                          const std::vector<Channel>& moved) {
@@ -267,6 +276,7 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
   if (!through_zone) {
     vote.change_over_noise = change_over_noise(judging, with, without, moved);
     vote.along_beside_noise = along_beside_noise(judging, with, without, moved);
+    vote.answer_unknown = of_voltage && has_no_answer(without);
   }
   if (noise_without > 0) {
     vote.over_noise = energy_without / noise_without;

@@ -435,6 +435,15 @@ TEST(Units, AnotherZeroOfTheAngleDoesNotMakeAMeanTheVoltageOfATick) {
   EXPECT_FALSE(voltage_meaning(record, servo().facts()).of_tick);
 }
 
+TEST(Units, SpikesOfACurrentAreNoUnit) {
+  const DriveFacts facts = servo().facts();
+  std::vector<double> sizes(3000, 0.5 * facts.machine.i_rated);
+  for (std::size_t k = 0; k < 6; ++k) sizes[400 * k] = 100 * facts.machine.i_rated;
+  EXPECT_FALSE(far_current(sizes, facts));
+  for (double& size : sizes) size *= 1000;
+  EXPECT_TRUE(far_current(sizes, facts));
+}
+
 // A rotor that turns by 0.01 rad from row to row: a tick's voltage and the mean are 0.0045 rad apart,
 // which no equation tells. The claim of an angle with another zero by as much is refused.
 TEST(Units, ASlowRotorLeavesTheVoltagesFrameOpen) {

@@ -235,6 +235,29 @@ TEST(Health, ACoarseScaleHasALimitWhereItIsCutAlone) {
   EXPECT_NEAR(limit(2, 1.7), 1.68, 1e-9);
 }
 
+TEST(Health, AFewPausesAreNoMissingRowsAndManyAre) {
+  const auto health_with = [](std::size_t gaps) {
+    RawLog raw = turning_log();
+    for (std::size_t gap = gaps; gap > 0; --gap) {
+      const auto cut = [&](std::vector<double>& x) {
+        const auto first = x.begin() + static_cast<std::ptrdiff_t>(2000 * gap);
+        if (!x.empty()) x.erase(first, first + 100);
+      };
+      cut(raw.t);
+      for (const RawColumn& c : raw_columns()) cut(raw.*c.values);
+    }
+    Health health;
+    make_record(raw, 3, health);
+    return health;
+  };
+  const Health two = health_with(2), many = health_with(8);
+  EXPECT_EQ(two.missing_share, 0);
+  ASSERT_EQ(two.pauses.size(), 2);
+  EXPECT_NEAR(two.pauses[1].t_end - two.pauses[1].t_begin, 101e-4, 1e-9);
+  EXPECT_NEAR(many.missing_share, 800.0 / 20000, 1e-3);
+  EXPECT_TRUE(many.pauses.empty());
+}
+
 // A vector that turns by 0.9 rad a row passes a limit within a row or two.
 TEST(Health, ALimitThatFewRowsInSuccessionHoldIsCommonToTwoSensors) {
   const auto limit = [](double cut_a, double cut_b) {
@@ -312,7 +335,9 @@ TEST(Health, UnevenRowsAreResampledUniformly) {
   const Record record = make_record(raw, 3, health);
   EXPECT_TRUE(health.uneven);
   EXPECT_NEAR(health.T_s, 1e-4, 2e-6);
-  EXPECT_NEAR(health.missing_share, 0.05 / t, 0.002);
+  EXPECT_EQ(health.missing_share, 0);
+  ASSERT_EQ(health.pauses.size(), 1);
+  EXPECT_NEAR(health.pauses[0].t_end - health.pauses[0].t_begin, 0.05, 1e-4);
   for (std::size_t k = 0; k < record.size(); ++k) {
     ASSERT_NEAR(record.t[k] - record.t[k == 0 ? 0 : k - 1], k == 0 ? 0 : health.T_s, 1e-10) << k;
     if (!record.electrical_ok[k]) continue;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/transfer.hpp"
 
 namespace twinrate {
 namespace {
@@ -70,6 +71,41 @@ TEST(Vote, AClaimRaisesTheErrorOfNeitherEquation) {
   EXPECT_EQ(rule(1.1, 1.5), "");
   EXPECT_EQ(rule(0.98, 1.5), "transfer: it raises the error of the voltage equation");
   EXPECT_EQ(rule(1.5, 0.98), "transfer: it raises the error of the torque equation");
+}
+
+// Noise in a logged voltage hides the controller's response, and raises the energy above that of the
+// sensors.
+TEST(Vote, WithoutTheControllersResponseAClaimStandsFurtherOutOfTheNoise) {
+  Votes votes;
+  votes.judgement = {.held_out_gain = 0.3, .p_value = 1e-9, .votes = 20};
+  votes.over_noise = 2.9, votes.left_over_noise = 2.3;
+  votes.change_over_noise = 62, votes.along_beside_noise = 27;
+  const auto rule = [&] { return refused_by_transfer({votes}, {}, {}).front().rule; };
+  EXPECT_EQ(rule(), "");
+  votes.answer_unknown = true;
+  EXPECT_EQ(rule(), "sensors");
+  votes.along_beside_noise = 85;
+  EXPECT_EQ(rule(), "");
+  votes.along_beside_noise = 36, votes.change_over_noise = 22e3;
+  EXPECT_EQ(rule(), "");
+}
+
+TEST(Vote, AVoltageWithoutADrawnResponseHasNone) {
+  const FittedDrive drive(simulate_synthetic({.duration_s = 3}), {});
+  const Sampled with = drive.chain().whitened(drive.chain().residual({}));
+  Sampled without = with;
+  without.q *= 1.5;
+  const JudgedFiles files;
+  const JudgingRows judging(drive.chain(), files);
+  const auto unknown = [&] {
+    return vote(judging, with, without, {}, *effect_with("resistance", {{"change_Ohm", 1.0}}),
+                false, false, 1e-6)
+        .answer_unknown;
+  };
+  without.answer_q = Eigen::VectorXd::Ones(without.q.size());
+  EXPECT_FALSE(unknown());
+  without.answer_d.setZero(), without.answer_q.setZero();
+  EXPECT_TRUE(unknown());
 }
 
 }  // namespace
