@@ -18,8 +18,8 @@ double tolerance(double level) {
 
 constexpr double kWayBin = 0.02;  // of the logarithm of the missed angle
 
-// A logger that loses rows at random, even half of them, loses no 20 in succession; one that loses
-// them in bursts does so again and again.
+// A loss that happens up to three times in a log is none of the logger's habits. One at random, even
+// of half of the rows, takes no 20 in succession.
 constexpr std::size_t kPauseRows = 20, kMostPauses = 3;
 
 int missed_bin(double way) {
@@ -185,9 +185,13 @@ void HealthScan::take(std::size_t end) {
       const auto missing =
           static_cast<std::size_t>(std::max<std::int64_t>(0, steps - rows_since_kept_));
       missing_ += missing;
+      const auto note = [&](std::vector<Pause>& gaps) {
+        if (gaps.size() <= kMostPauses) gaps.push_back({*t_kept_, ahead_.t[k]});
+      };
+      if (missing > 0) note(gaps_);
       if (missing > kPauseRows) {
+        note(pauses_);
         in_pauses_ += missing;
-        if (pauses_.size() <= kMostPauses) pauses_.push_back({*t_kept_, ahead_.t[k]});
       }
       jitter_ += std::pow(span - static_cast<double>(steps), 2);
     }
@@ -242,8 +246,9 @@ Health HealthScan::result() const {
   const auto share = [](std::size_t part, std::size_t whole) {
     return static_cast<double>(part) / static_cast<double>(std::max<std::size_t>(1, whole));
   };
-  const std::size_t paused = pauses_.size() <= kMostPauses ? in_pauses_ : 0;
-  if (paused > 0) h.pauses = pauses_;
+  const bool few = gaps_.size() <= kMostPauses, pauses = pauses_.size() <= kMostPauses;
+  const std::size_t paused = few ? missing_ : pauses ? in_pauses_ : 0;
+  h.pauses = few ? gaps_ : pauses ? pauses_ : std::vector<Pause>{};
   const auto lost = [&](std::size_t missing) {
     const std::size_t left = missing - std::min(missing, paused);
     return share(left, rows_ + left);

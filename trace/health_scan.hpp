@@ -93,7 +93,7 @@ class HealthScan {
   std::optional<double> t_before_, t_kept_;
   std::int64_t rows_since_kept_ = 0;
   std::size_t rows_ = 0, kept_ = 0, missing_ = 0, by_chance_ = 0;
-  std::vector<Pause> pauses_;
+  std::vector<Pause> gaps_, pauses_;  // the first of them
   std::size_t in_pauses_ = 0;         // rows
   std::map<int, std::size_t> stale_;  // rows, by logarithm of the missed angle
   double jitter_ = 0, i_sum_max_ = 0;
