@@ -107,6 +107,7 @@ TEST(GainPolicies, PaperImmediateAndRotateHaveTheSameCovarianceBitForBit) {
                                         GainPolicy::kRotate};
     if (filter->turning_pairs() == 0) policies.push_back(GainPolicy::kRotorFrame);
     std::vector<BackgroundLoop> loops;
+    loops.reserve(policies.size());
     for (const GainPolicy policy : policies) loops.emplace_back(filter, policy, BackgroundRate(2));
     for (BackgroundLoop& loop : loops) loop.limit(CovarianceCeiling(*filter, 0));
     for (const Estimate& e : at) {
