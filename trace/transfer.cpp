@@ -86,9 +86,17 @@ Refused alone(const Votes& v, const std::vector<std::string>& files, const Crite
             "its change has {:.2g} times the energy of the change that it makes in the sensor "
             "noise and in the controller's response to that noise; {:.0f} is required",
             v.change_over_noise, needed));
-  // Without a known response (12 such drawn logs, and three with noise added to their voltage), false
-  // claims reach 36 standard deviations and 1000 times the energy, true ones have 85 or 22,000.
-  constexpr double kBesideUnknown = 60, kBeyondUnknown = 5000;
+  // Without a known response (12 such drawn logs, and five with noise added to their voltage), false
+  // claims have 36 standard deviations and up to 1000 times the energy, or 140 and up to 37 times;
+  // true ones have 85 and 256 times and more, or 22,000 times.
+  constexpr double kBesideUnknown = 60, kBeyondUnknown = 5000, kLeastUnknown = 100;
+  if (v.answer_unknown && v.change_over_noise < kLeastUnknown)
+    return noise(
+        v.change_over_noise,
+        fmt::format("its change has {:.2g} times the energy of the change that it makes in "
+                    "the sensor noise; {:.0f} are required, because the controller's "
+                    "response to that noise is unknown",
+                    v.change_over_noise, kLeastUnknown));
   if (v.answer_unknown && v.change_over_noise < kBeyondUnknown &&
       v.along_beside_noise < kBesideUnknown)
     return noise(v.along_beside_noise,

@@ -79,13 +79,15 @@ TEST(Vote, WithoutTheControllersResponseAClaimStandsFurtherOutOfTheNoise) {
   Votes votes;
   votes.judgement = {.held_out_gain = 0.3, .p_value = 1e-9, .votes = 20};
   votes.over_noise = 2.9, votes.left_over_noise = 2.3;
-  votes.change_over_noise = 62, votes.along_beside_noise = 27;
+  votes.change_over_noise = 250, votes.along_beside_noise = 27;
   const auto rule = [&] { return refused_by_transfer({votes}, {}, {}).front().rule; };
   EXPECT_EQ(rule(), "");
   votes.answer_unknown = true;
   EXPECT_EQ(rule(), "sensors");
   votes.along_beside_noise = 85;
   EXPECT_EQ(rule(), "");
+  votes.along_beside_noise = 140, votes.change_over_noise = 37;
+  EXPECT_EQ(rule(), "sensors");
   votes.along_beside_noise = 36, votes.change_over_noise = 22e3;
   EXPECT_EQ(rule(), "");
 }
