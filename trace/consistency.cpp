@@ -130,9 +130,9 @@ std::vector<Inconsistency> of_ranges(const Record& record, const Health& health,
 }  // namespace
 
 std::optional<Inconsistency> far_current(std::vector<double> sizes, const DriveFacts& facts) {
-  constexpr double kFar = 30, kTenth = 0.9;  // a unit moves all rows, spikes few of them
+  constexpr double kFar = 30, kUsual = 0.9;  // quantile: a unit moves all rows, spikes few
   const double rated = facts.machine.i_rated;
-  if (rated <= 0 || quantile(sizes, kTenth) <= rated) return {};
+  if (rated <= 0 || quantile(sizes, kUsual) <= rated) return {};
   const double i = quantile(std::move(sizes), kNearly);
   if (i <= kFar * rated) return {};
   return Inconsistency{"i", fmt::format("up to some {:.3g} A (rated)", rated),
@@ -161,7 +161,7 @@ std::vector<Inconsistency> inconsistencies(const Record& record, const Health& h
 std::string hidden_turns(const Record& record, const Health& health, const DriveFacts& facts,
                          const std::vector<Inconsistency>& found) {
   constexpr double kHalfTurn = kTwoPi / 2, kNearHalf = 0.8 * kHalfTurn;  // rad
-  constexpr double kOften = 0.01, kMostly = 0.5;                         // of the rows
+  constexpr double kOften = 0.01, kHidden = 0.05;                        // of the rows
   if (std::any_of(found.begin(), found.end(),
                   [](const Inconsistency& i) { return i.hint != kAnotherMachine; }))
     return {};
@@ -174,19 +174,19 @@ std::string hidden_turns(const Record& record, const Health& health, const Drive
         "counts turns",
         why, std::ceil(fastest / (0.5 * kHalfTurn)));
   };
-  if (health.hidden_turns.value_or(0) > kMostly)
+  if (health.hidden_turns.value_or(0) > kHidden)
     return far_apart("from row to row omega_m turns the rotor by whole turns more than theta_m");
   if (health.hidden_turns) return {};  // omega_m shows that there are none
   std::size_t near_half = 0;
   double largest = 0;
   for (std::size_t k = 1; k < record.theta_m.size(); ++k) {
+    if (!(record.motion_ok[k - 1] && record.motion_ok[k])) continue;
     const double turn = std::abs(record.theta_m[k] - record.theta_m[k - 1]);
     near_half += turn > kNearHalf;
     largest = std::max(largest, turn);
   }
-  // An angle that counts turns may turn by more.
-  if (largest <= 1.001 * kHalfTurn &&
-      static_cast<double>(near_half) > kOften * static_cast<double>(record.size()))
+  if (largest > 1.001 * kHalfTurn) return {};  // the angle counts turns
+  if (static_cast<double>(near_half) > kOften * static_cast<double>(record.size()))
     return far_apart(
         fmt::format("theta_m turns by up to {:.2g} rad from row to row, and does not "
                     "show in which direction",

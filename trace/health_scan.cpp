@@ -18,8 +18,8 @@ double tolerance(double level) {
 
 constexpr double kWayBin = 0.02;  // of the logarithm of the missed angle
 
-// A loss that happens up to three times in a log is none of the logger's habits. One at random, even
-// of half of the rows, takes no 20 in succession.
+// A logger that loses rows does so more than three times in a log. A loss at random, even of half of
+// the rows, takes no 20 in succession.
 constexpr std::size_t kPauseRows = 20, kMostPauses = 3;
 
 int missed_bin(double way) {

@@ -25,8 +25,10 @@ void SpeedAgainstAngle::add(double t, double theta_m, double omega_m, double T_s
                  integral = 0.5 * (t - before.t) * (omega_m + before.omega_m);
     row.turned = before.turned + step;
     row.integral = before.integral + integral;
-    const double more = integral - step;
-    hidden_ += std::abs(more) > kHalfTurn && std::abs(wrap_pi(more)) < kSameTurn;
+    // An angle that counts turns shows a step of any size.
+    const double more = integral - step, counted = integral - (theta_m - before.theta_m);
+    hidden_ += std::min(std::abs(more), std::abs(counted)) > kHalfTurn &&
+               std::abs(wrap_pi(more)) < kSameTurn;
     steps_ += std::abs(integral) > kSameTurn;
   }
   rows_.push_back(row);

@@ -325,7 +325,7 @@ TraceResult Tracing::of_either(const VoltageMeaning& voltage, std::vector<char> 
   }
   if (!r)
     return without_voltage(voltage.doubt +
-                               ", and no effect was shown for either: no electrical effect is "
+                               ": no electrical effect is confirmed for both, and none is "
                                "traced. Log every tick, or the mean voltage from row to row in "
                                "stator axes",
                            std::move(judging), given);

@@ -12,7 +12,8 @@ namespace {
 constexpr double kRow_s = 0.02;
 
 // At constant speed, with the angle within one turn and the voltage of each row.
-RawLog turning(double turn_a_row, bool with_speed, double angle_factor = 1) {
+RawLog turning(double turn_a_row, bool with_speed, double angle_factor = 1,
+               bool counts_turns = false) {
   const MachineParameters& m = servo().machine;
   const double omega_m = turn_a_row / kRow_s;
   RawLog raw;
@@ -26,7 +27,7 @@ RawLog turning(double turn_a_row, bool with_speed, double angle_factor = 1) {
     const Vec3 i = inverse_clarke(inverse_park(i_dq, theta_e));
     const Vec2 u = inverse_park(u_dq, theta_e);
     raw.t.push_back(kRow_s * static_cast<double>(k));
-    turned += k == 0 ? 0 : wrap_pi(turn_a_row);
+    turned += k == 0 ? 0 : counts_turns ? turn_a_row : wrap_pi(turn_a_row);
     raw.theta_m.push_back(angle_factor * turned);
     raw.i_a.push_back(i[0]), raw.i_b.push_back(i[1]), raw.i_c.push_back(i[2]);
     raw.u_alpha.push_back(u[0]), raw.u_beta.push_back(u[1]);
@@ -57,6 +58,11 @@ TEST(HiddenTurns, AnAngleNearHalfATurnARowShowsNoDirection) {
 TEST(HiddenTurns, TheSpeedOrTheVoltageShowThatTurnsAreHidden) {
   EXPECT_TRUE(is_too_slow(turning(4.1, true)));
   EXPECT_TRUE(is_too_slow(turning(4.1, false)));
+}
+
+TEST(HiddenTurns, AnAngleThatCountsTurnsHidesNone) {
+  for (const bool with_speed : {false, true})
+    EXPECT_FALSE(is_too_slow(turning(4.1, with_speed, 1, true))) << with_speed;
 }
 
 TEST(HiddenTurns, AnAngleInDegreesIsStillToldAsAUnit) {
