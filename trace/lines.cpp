@@ -57,21 +57,33 @@ std::vector<double> spectrum(const Eigen::VectorXd& y, const std::vector<double>
   return power;
 }
 
-// The strongest of the `allowed` bins, if noise alone would hardly make it; 0: none.
+struct Peak {
+  std::size_t bin = 0;  // 0: none
+  double chance = 1;    // number of such peaks that noise alone makes
+};
+
+// The strongest of the `allowed` bins.
 template <class Allowed>
-std::size_t strongest(const std::vector<double>& power, Allowed&& allowed) {
+Peak strongest(const std::vector<double>& power, Allowed&& allowed) {
   double sum = 0, best = 0;
-  std::size_t count = 0, at = 0;
+  std::size_t count = 0;
+  Peak peak;
   for (std::size_t b = 1; b < power.size(); ++b) {
     if (!allowed(b)) continue;
     sum += power[b];
     ++count;
-    if (power[b] > best) best = power[b], at = b;
+    if (power[b] > best) best = power[b], peak.bin = b;
   }
-  if (count < 16) return 0;
-  const double chance =
-      static_cast<double>(count) * std::exp(-best * static_cast<double>(count) / sum);
-  return chance < kFalse ? at : 0;
+  const auto bins = static_cast<double>(count);
+  if (sum > 0) peak.chance = bins * std::exp(-best * bins / sum);
+  return peak;
+}
+
+// The same, if noise alone would hardly make it; 0: none.
+template <class Allowed>
+std::size_t strongest_line(const std::vector<double>& power, Allowed&& allowed) {
+  const Peak peak = strongest(power, allowed);
+  return peak.chance < kFalse ? peak.bin : 0;
 }
 
 Candidate with_columns(const Chain& chain, std::shared_ptr<Effect> effect) {
@@ -143,7 +155,8 @@ double highest_passed(const Chain& chain) {
   return std::min(kMostWhole, rate / std::max(*slow, 1e-12));
 }
 
-// Adds every effect at its strongest whole order above its grid.
+// Adds every effect at its strongest whole order above its grid. Its neighbours carry much of its
+// power at changing speed, so the selection judges it, as it judges an order of the grid.
 void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>& lines) {
   const double highest = highest_passed(chain);
   std::vector<double> power;
@@ -154,10 +167,11 @@ void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>
     if (step <= 0 || highest < lowest) continue;
     if (power.empty())
       power = order_power(fit.y.torque, chain.sampler().torque(), chain.equations().record());
-    const std::size_t order = strongest(power, [&, first = lowest, by = step](std::size_t b) {
+    const auto is_order = [&, first = lowest, by = step](std::size_t b) {
       const auto N = static_cast<double>(b);
       return N >= first && N <= highest && std::fmod(N - first, by) == 0;
-    });
+    };
+    const std::size_t order = strongest(power, is_order).bin;
     if (order == 0) continue;
     set_key(*effect, effect->tracing().traits().period.order_key, static_cast<double>(order));
     lines.push_back(with_columns(chain, effect));
@@ -179,10 +193,11 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
     for (std::size_t n = 0; n < position.size(); ++n) position[n] = (t[n] - t.front()) / step;
     const std::size_t cells = power_of_two(2 * position.back());
     const double df = 1 / (step * static_cast<double>(cells));
-    const std::size_t bin = strongest(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
-      const double f = df * static_cast<double>(b);
-      return f > kLowest_Hz && f < 0.42 / step;
-    });
+    const std::size_t bin =
+        strongest_line(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
+          const double f = df * static_cast<double>(b);
+          return f > kLowest_Hz && f < 0.42 / step;
+        });
     if (bin > 0) add_line(chain, "frequency_Hz", df * static_cast<double>(bin), lines);
   }
   // Angle.
@@ -200,11 +215,12 @@ std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
       position[n] = (record.theta_m[runs.row[n]] - lowest) / kTwoPi * cells_per_turn;
     const bool whole_too = !chain.equations().considered()(kOrderOfTorque);
     const double d_order = cells_per_turn / static_cast<double>(cells);
-    const std::size_t bin = strongest(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
-      const double order = d_order * static_cast<double>(b);
-      return order > kLowestOrder && order < kHighestOrder &&
-             (whole_too || std::abs(order - std::round(order)) > std::max(kWhole, 1.5 / turns));
-    });
+    const std::size_t bin =
+        strongest_line(spectrum(fit.y.torque, position, cells), [&](std::size_t b) {
+          const double order = d_order * static_cast<double>(b);
+          return order > kLowestOrder && order < kHighestOrder &&
+                 (whole_too || std::abs(order - std::round(order)) > std::max(kWhole, 1.5 / turns));
+        });
     const double order = d_order * static_cast<double>(bin), whole = std::round(order);
     if (bin > 0) add_line(chain, "order", std::abs(order - whole) < kWhole ? whole : order, lines);
   }

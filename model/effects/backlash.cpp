@@ -51,7 +51,8 @@ class Backlash final : public TraceableEffect, public EffectMemory {
   void coefficients(std::span<double>) const override {}
   // The shaft itself is searched round the torsion that comes nearest.
   std::vector<TracedKey> traced_keys() const override {
-    return {{"gap_rad", {0.004, 0.0053, 0.0071, 0.0095, 0.0127, 0.017, 0.0226, 0.03}},
+    return {{"gap_rad",
+             {0.004, 0.0053, 0.0071, 0.0095, 0.0127, 0.017, 0.0226, 0.03, 0.05, 0.09, 0.16, 0.3}},
             {"J_load_kgm2"},
             {"stiffness_Nm_rad"},
             {"damping_Nms_rad"}};

@@ -56,7 +56,7 @@ class Torsion final : public TraceableEffect, public EffectMemory {
   std::vector<TracedKey> traced_keys() const override {
     constexpr double kMiddle = 0.28;  // J_load over J, of the grid
     std::vector<double> stiffness;
-    for (double f = 12; f < 80; f *= 1.3)
+    for (double f = 2.5; f < 80; f *= 1.3)
       stiffness.push_back(kMiddle * J_ * ((kTwoPi * f) * (kTwoPi * f)));
     return {{"J_load_kgm2", {0.15 * J_, 0.4 * J_}},
             {"stiffness_Nm_rad", stiffness},
