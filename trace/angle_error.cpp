@@ -138,6 +138,7 @@ AngleErrorFall fall_of_angle_error(const Members& claimed, const Eigen::VectorXd
   if (!(before > 0)) return {};
   return {.lighter = error.motor() < 1,
           .share = 1 - after / before,
+          .loose = 1 - error.motor() * error.motor(),
           .log_ratio = after > 0 ? mean_log_ratio(with, left, ranges)
                                  : std::numeric_limits<double>::infinity()};
 }

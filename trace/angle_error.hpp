@@ -24,6 +24,7 @@ namespace twinrate {
 struct AngleErrorFall {
   bool lighter = false;  // the inertia at the motor becomes smaller
   double share = 0;      // of the energy of an angle error that the claim would remove
+  double loose = 0;      // the same while the load is loose in a gap: the motor is alone
   // ln of the ratio of two energies, mean over the frequencies: the residual with the claim over
   // the residual that the claim would leave of an angle error. NaN: the runs are too short.
   double log_ratio = 0;

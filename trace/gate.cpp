@@ -16,6 +16,7 @@
 #include "trace/doubts.hpp"
 #include "trace/keys.hpp"
 #include "trace/scale_bounds.hpp"
+#include "trace/speed_law.hpp"
 #include "trace/vote.hpp"
 
 namespace twinrate {
@@ -329,6 +330,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
           fmt::format("it explains {:.2g} of the energy of the sensors' noise, at constant speed: "
                       "the rounding of counts and currents repeats there, and makes lines",
                       asked.falls[m].of_noise));
+  if (std::any_of(out.begin(), out.end(), passes))
+    if (const auto law = speed_law(seen_, asked.fit))
+      for (std::size_t m : law->members)
+        refuse(m, "law", "", law->exponent,
+               fmt::format("a torque in proportion to |omega_m|^{:.2g} explains the data better",
+                           law->exponent));
   if (doubts_ && std::any_of(out.begin(), out.end(), passes))
     for (const Doubt& doubt : doubts_())
       for (std::size_t m = 0; m < members.size(); ++m)

@@ -33,6 +33,8 @@
 //              file belong together (trace/scale_bounds.hpp), and it is not larger than its kind
 //              can be. A shaft has a resonance. A load step is not at an equal or larger step of
 //              the known load
+//   law        of a torque by speed: no other power of the speed explains the torque better than it,
+//              alone or with others (trace/speed_law.hpp)
 //   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
 //   slip       no slip of the user explains its equation as well (trace/slips.hpp)
 //   whole      all accepted claims together lower the error in each file and equation on which they

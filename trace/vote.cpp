@@ -256,8 +256,9 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
   const double left = judging.energy(without, &Sampled::torque),
                noise = judging.energy(noise_of(without), &Sampled::torque);
   const bool lighter = of_torque && angle.lighter;
-  if (lighter && angle.share > 0 && angle.share < 1 && noise > left / 2)
-    quieter = std::max(quieter, -0.5 * std::log(1 - angle.share));
+  const double of_angle = has_gap(claim) ? std::max(angle.share, angle.loose) : angle.share;
+  if (lighter && of_angle > 0 && of_angle < 1 && noise > left / 2)
+    quieter = std::max(quieter, -0.5 * std::log(1 - of_angle));
   // In the sensors' own noise, that noise is a known share of the energy. Otherwise the whitening
   // may have made all of it look like noise.
   constexpr double kTimes = 2;  // factor of energy to which the drawn noise is known
@@ -285,7 +286,7 @@ Vote vote(const JudgingRows& judging, const Sampled& with, const Sampled& withou
   if (is_free_of_noise(claim) && vote.over_noise < 1)
     vote.along_change = along_change(judging, with, without, moved);
   vote.steady_share = judging.steady_share(with, without, moved);
-  if (lighter) vote.of_angle = angle.share;
+  if (lighter) vote.of_angle = of_angle;
   // A gap is no filter of the angle: it had to explain more than the shaft without it.
   if (lighter && !has_gap(claim)) vote.beyond_angle = -angle.log_ratio;
   return vote;
