@@ -132,15 +132,13 @@ std::vector<Candidate> make_candidates(const Chain& chain,
   std::vector<Candidate> candidates;
   const Record& record = equations.record();
   const bool u_moves = moves(record.u_alphabeta, record.electrical_ok),
-             i_moves = moves(record.i_alphabeta, record.electrical_ok);
+             i_moves = !equations.has_voltage() || moves(record.i_alphabeta, record.electrical_ok);
   for (const std::string& kind : equations.considered().kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive
     std::vector<TracedKey> keys = effect->tracing().traced_keys();
     if (keys.empty() || searched_elsewhere(keys)) continue;
     if (effect->acts_on() == kOnBus) continue;  // it is in v_dc (trace/bus_ripple.hpp)
-    const bool electrical_only = !(effect->acts_on() & ~kOnVoltage);
-    if (electrical_only && !equations.has_voltage()) continue;
     if (equations.needs_missing_i_d(*effect)) continue;
     for (TracedKey& key : keys)
       if (is_moment(key)) key.grid = times_of(equations.record());
@@ -150,6 +148,7 @@ std::vector<Candidate> make_candidates(const Chain& chain,
       if (!at_grid->prepare(equations.facts()).empty()) return;
       const int acts = at_grid->acts_on();
       if (acts == kOnSpeed) return;  // it is in no equation
+      if (acts == kOnVoltage && !equations.has_voltage()) return;
       if (wanted && !wanted(*at_grid)) return;
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnVoltage && !u_moves) return;
       if (is_of(*at_grid, Traits::Family::kLag) && acts == kOnCurrents && !i_moves) return;
