@@ -177,8 +177,11 @@ double Equations::omega_rate(const Signals& s, std::size_t k) const {
 // Mean in rotor axes of a current whose samples are i_dq in these axes.
 Vec2 Equations::mean_of_tick(const Vec2& i_dq, double omega_m) const {
   if (record_.i_alphabeta.empty()) return i_dq;
-  const double turned = std::pow(facts_.machine.n_p * omega_m * T_held_, 2) / 12;
-  return (1 - turned) * i_dq - Vec2(turned * facts_.machine.psi_f / facts_.machine.L_d, 0);
+  const MachineParameters& m = facts_.machine;
+  const double omega_e = m.n_p * omega_m, turned = std::pow(omega_e * T_held_, 2) / 12,
+               decayed = m.R_s * omega_e * T_held_ * T_held_ / 12;
+  return (1 - turned) * i_dq - Vec2(turned * m.psi_f / m.L_d, 0) +
+         decayed * Vec2(-i_dq[1] / m.L_d, i_dq[0] / m.L_q);
 }
 
 // By Wiener: the share of ripple in the power that smoothing takes away, of which the sensors' noise is

@@ -24,6 +24,7 @@
 // this motion:
 //
 //   current  i_dq (1 - (omega_e T)^2/12) - T^2 omega_e^2 psi_f/(12 L_d) along d
+//              + R_s T^2 omega_e/12 (-i_q/L_d, i_d/L_q)
 //
 // A drop that bends where a current changes its sign (dead time, switches) is its mean along the
 // path of this mean current, whose parts are straight in stator axes

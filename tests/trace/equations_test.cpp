@@ -124,12 +124,18 @@ struct Tick {
 TEST(Equations, ATorqueIsTheMeanOfATickAndNotOfItsSamples) {
   constexpr std::size_t kCount = 400;
   constexpr double kTurn = 0.3;  // rad, electrical, a tick
-  for (const double saliency : {1., 2.4}) {
+  struct Case {
+    double saliency, R_s;
+    Vec2 i_dq;
+  };
+  // The last one in field weakening: the current along d decays, and turns.
+  for (const auto& [saliency, R_s, i_dq] :
+       {Case{1, 1.05, {-0.5, 4}}, Case{2.4, 1.05, {-0.5, 4}}, Case{1.2, 10, {-4, 1}}}) {
     DriveFacts facts = servo().facts();
     facts.machine.B = 0;
+    facts.machine.R_s = R_s;
     facts.machine.L_q = saliency * facts.machine.L_d;
     const MachineParameters& m = facts.machine;
-    const Vec2 i_dq(-0.5, 4);
     const double torque = Tick{m, facts.T_s, kTurn / facts.T_s}.steady_torque(i_dq);
     Record r;
     r.T_s = facts.T_s;
