@@ -129,7 +129,12 @@ class Selector {
       Fit next =
           fitter_.refine(there, shaft ? Fitter::Until::kArrived : Fitter::Until::kComparable);
       if (shaft) next = unless_astray(there, std::move(next));
-      if (shaft && s.effect != searched) look_for_gap(now, *newcomer, next);
+      const bool beside_stiffer =
+          shaft && is_slow_shaft(*s.effect) &&
+          std::any_of(ranking.begin(), ranking.end(), [](const Score& other) {
+            return is_placed(*other.effect, Traits::Place::kShaft) && !is_slow_shaft(*other.effect);
+          });
+      if (shaft && s.effect != searched && !beside_stiffer) look_for_gap(now, *newcomer, next);
       if (names_a_slope(next.members, *s.effect) || !next.valid)
         next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));

@@ -51,12 +51,12 @@ class Torsion final : public TraceableEffect, public EffectMemory {
   int regressor_count() const override { return 0; }
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
-  // The stiffness: antiresonances from 12 to 75 Hz. The damping: ratios of some per cent in the
+  // The stiffness: antiresonances from 2.5 to 75 Hz. The damping: ratios of some per cent in the
   // middle of that.
   std::vector<TracedKey> traced_keys() const override {
     constexpr double kMiddle = 0.28;  // J_load over J, of the grid
     std::vector<double> stiffness;
-    for (double f = 2.5; f < 80; f *= 1.3)
+    for (double f = 2.4861; f < 80; f *= 1.3)
       stiffness.push_back(kMiddle * J_ * ((kTwoPi * f) * (kTwoPi * f)));
     return {{"J_load_kgm2", {0.15 * J_, 0.4 * J_}},
             {"stiffness_Nm_rad", stiffness},
