@@ -56,7 +56,7 @@ void cogging(Maker& m) {
 }
 
 void shaft(Maker& m, double share, double f_lo, double f_hi, double damping) {
-  const double J_2 = share * m.machine().J, f = m.draw().between(f_lo, f_hi);
+  const double J_2 = share * m.machine().J, f = m.draw().log_between(f_lo, f_hi);
   const double stiffness = J_2 * std::pow(kTwoPi * f, 2);
   m.key("J_load_kgm2", J_2), m.key("stiffness_Nm_rad", stiffness);
   m.key("damping_Nms_rad", 2 * damping * std::sqrt(stiffness * J_2));
@@ -118,13 +118,13 @@ const std::map<std::string, Make>& torque_makers() {
       {"torsion",
        [](Maker& m) {
          const double share = std::min(0.05 * m.times(), 0.6);
-         shaft(m, share, 15, 80, m.draw().between(0.02, 0.08));
+         shaft(m, share, 3, 100, m.draw().between(0.02, 0.08));
        }},
       {"backlash",
        [](Maker& m) {
-         m.key("gap_rad", std::min(2.5e-3 * m.times(), 0.03));
+         m.key("gap_rad", m.draw().log_between(4e-3, 0.1));
          const double share = m.draw().between(0.2, 0.45);
-         shaft(m, share, 40, 90, 0.1);
+         shaft(m, share, 20, 100, 0.1);
        }},
   };
   return kMakers;
