@@ -90,12 +90,6 @@ bool clearly_needed(const Fitter& fitter, const Fit& fit, std::size_t m) {
 
 }  // namespace
 
-bool is_slow_shaft(const Effect& effect) {
-  constexpr double kSlow = 10;  // Hz, of the load at a motor at rest
-  ShaftFacts s;
-  return effect.describe_shaft(s) && std::sqrt(s.stiffness / s.J_load) < kTwoPi * kSlow;
-}
-
 std::string sort_of(const Effect& effect) {
   std::string sort(effect.kind());
   // A drive with a gap has a slow shaft among its neighbours, from which no search leads to the gap.

@@ -12,8 +12,6 @@ using Say = std::function<void(const std::string&)>;
 // Kind of an effect, with its choices if it has no regressors. Candidates of one sort differ only
 // in their grid point.
 std::string sort_of(const Effect& effect);
-// True for a second mass whose resonance is below that of most shafts.
-bool is_slow_shaft(const Effect& effect);
 
 // The best candidate of each sort beside the fit, the best first, including lines
 // (trace/lines.hpp).

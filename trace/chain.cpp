@@ -44,6 +44,12 @@ bool is_shaft(const Effect& effect) {
   return effect.describe_shaft(shaft);
 }
 
+bool is_slow_shaft(const Effect& effect) {
+  constexpr double kSlow = 10;  // Hz, of the load at a motor at rest
+  ShaftFacts s;
+  return effect.describe_shaft(s) && std::sqrt(s.stiffness / s.J_load) < kTwoPi * kSlow;
+}
+
 bool is_of_shaft(const Effect& effect) {
   return effect.behind_shaft() || is_shaft(effect);
 }

@@ -41,6 +41,8 @@ void add(Sampled& a, const Sampled& b, double factor);  // a += factor b; an emp
 // two computations does not measure the noise.
 bool has_gap(const Effect& effect);
 bool is_shaft(const Effect& effect);
+// A shaft whose resonance is below that of most shafts.
+bool is_slow_shaft(const Effect& effect);
 // A shaft, or a load that acts behind the shaft of a drive with one.
 bool is_of_shaft(const Effect& effect);
 

@@ -164,7 +164,7 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   };
   std::deque<Sampled> differences;  // a deque, because `take` keeps pointers
   for (const Candidate& c : dictionary.sampled) {
-    if (is_placed(*c.effect, Traits::Place::kShaft) &&
+    if (is_placed(*c.effect, Traits::Place::kShaft) && !is_slow_shaft(*c.effect) &&
         is_clean(c.columns[0].torque, c.columns[0].noise_torque, c.columns[0].answer_torque))
       shafts.push_back(&c.columns[0].torque);
     const Traits::Noise noise = c.effect->tracing().traits().noise;
@@ -188,7 +188,8 @@ NoiseModel NoiseFit::operator()(const Chain& chain, const Sampled& y,
   };
   NoiseModel noise;
   // A resonance resembles noise, so the shafts are columns, too. But many shafts together can
-  // explain any signal, so they count only if they explain much of the noise (kResonance).
+  // explain any signal, so they count only if they explain much of the noise (kResonance), and the
+  // slow ones, which explain a random load as well, do not.
   const std::size_t without_shafts = torque.size();
   torque.insert(torque.end(), shafts.begin(), shafts.end());
   const auto look = [](Unexplained& by, const Unexplained::Columns& columns,

@@ -53,9 +53,11 @@ TEST(VoltageMeaning, TheMeanOfTicksHoldsTheDropsAtTheRowsEnds) {
   ASSERT_EQ(dead_time->prepare(facts), "");
   const Vec2 i_dq(0, 5);
   // Its mean over a tick: the voltage is held while the magnets turn.
-  const double turned = std::pow(kTurn / kTicks, 2) / 12;
-  const Vec2 i_mean =
-      (1 - turned) * i_dq - Vec2(turned * facts.machine.psi_f / facts.machine.L_d, 0);
+  const MachineParameters& m = facts.machine;
+  const double turn = kTurn / kTicks, turned = turn * turn / 12,
+               decayed = m.R_s * turn * facts.T_s / 12;
+  const Vec2 i_mean = (1 - turned) * i_dq - Vec2(turned * m.psi_f / m.L_d, 0) +
+                      decayed * Vec2(-i_dq[1] / m.L_d, i_dq[0] / m.L_q);
   const auto drop_of_tick = [&](double ticks) {
     OperatingPoint p;
     p.v_dc = 235.4;
