@@ -171,7 +171,7 @@ TEST(ChangePoints, AFileWithAnotherZeroIsThatFilesOffset) {
     const bool other = name[0] == 'b';
     RawLog raw = simulate_synthetic(
         {.T_s = 2e-4,
-         .duration_s = 2.5,
+         .duration_s = 2,
          .extra_load = [](double, double theta, double) { return cogging(theta); },
          .offset_theta = other ? 0.03 : 0});
     const std::size_t first = all.size();
