@@ -330,6 +330,12 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
           fmt::format("it explains {:.2g} of the energy of the sensors' noise, at constant speed: "
                       "the rounding of counts and currents repeats there, and makes lines",
                       asked.falls[m].of_noise));
+  for (std::size_t m : steps_at_reversals(whole_.equations().record(), members)) {
+    if (!passes(out[m])) continue;
+    refuse(m, "law", "", get_key(*members[m], "time_s"),
+           "the load steps at the reversals of the motion, as a friction does");
+    out[m].wrong_kind = true;
+  }
   if (std::any_of(out.begin(), out.end(), passes))
     if (const auto law = speed_law(seen_, asked.fit))
       for (std::size_t m : law->members)

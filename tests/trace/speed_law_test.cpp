@@ -72,5 +72,21 @@ TEST(SpeedLaw, ASmallOffsetOfTheExponentIsNoLaw) {
   EXPECT_FALSE(law_of(with_power(2.1, 1), {fan()}));
 }
 
+TEST(SpeedLaw, AFrictionIsNoLoadStepsAtItsReversals) {
+  Record record;
+  record.T_s = 1e-3;
+  for (int k = 0; k < 6000; ++k) {
+    record.t.push_back(1e-3 * k);
+    record.theta_m.push_back(-std::cos(kTwoPi * 0.25 * record.t.back()));  // reverses at 2 and 4 s
+  }
+  const auto step = [](double t, double torque) {
+    return effect_with("load_step", {{"time_s", t}, {"torque_Nm", torque}});
+  };
+  const Members at{step(2.02, -0.3), step(3.1, 0.2), step(3.98, 0.3)};
+  EXPECT_EQ(steps_at_reversals(record, at), (std::vector<std::size_t>{0, 2}));
+  EXPECT_TRUE(steps_at_reversals(record, {step(2.02, 0.3), step(3.98, 0.3)}).empty());
+  EXPECT_TRUE(steps_at_reversals(record, {step(2.02, -0.3), step(3.1, 0.2)}).empty());
+}
+
 }  // namespace
 }  // namespace twinrate
