@@ -340,10 +340,11 @@ void name_the_others(const Equations& equations, TraceResult& r) {
   const bool torque_only = !equations.has_voltage();
   for (const std::string& kind : equations.considered().kinds()) {
     if (told.count(kind)) continue;
-    const bool in_no_row = torque_only && make_effect(kind)->tracing().traits().equation ==
-                                              Traits::Equation::kElectrical;
+    const std::shared_ptr<Effect> effect = make_effect(kind);
+    const bool is_electrical = effect->tracing().traits().equation == Traits::Equation::kElectrical,
+               in_no_row = torque_only && is_electrical && !is_of(*effect, Traits::Family::kLag);
     r.not_identifiable.emplace_back(kind, in_no_row ? "no row has a voltage equation"
-                                          : equations.needs_missing_i_d(*make_effect(kind))
+                                          : equations.needs_missing_i_d(*effect)
                                               ? "it requires i_d, which is not in the log"
                                               : "its smallest visible size is not computed");
   }

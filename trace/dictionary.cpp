@@ -132,7 +132,8 @@ std::vector<Candidate> make_candidates(const Chain& chain,
   std::vector<Candidate> candidates;
   const Record& record = equations.record();
   const bool u_moves = moves(record.u_alphabeta, record.electrical_ok),
-             i_moves = !equations.has_voltage() || moves(record.i_alphabeta, record.electrical_ok);
+             i_moves = moves(record.i_alphabeta,
+                             equations.has_voltage() ? record.electrical_ok : record.motion_ok);
   for (const std::string& kind : equations.considered().kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
     effect->prepare(equations.facts());  // a grid may depend on the drive

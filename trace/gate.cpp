@@ -340,8 +340,9 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
     if (const auto law = speed_law(seen_, asked.fit))
       for (std::size_t m : law->members)
         refuse(m, "law", "", law->exponent,
-               fmt::format("a torque in proportion to |omega_m|^{:.2g} explains the data better",
-                           law->exponent));
+               fmt::format(
+                   "a torque in proportion to |omega_m|^{:.2g} explains the fitted rows better",
+                   law->exponent));
   if (doubts_ && std::any_of(out.begin(), out.end(), passes))
     for (const Doubt& doubt : doubts_())
       for (std::size_t m = 0; m < members.size(); ++m)

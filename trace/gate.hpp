@@ -34,7 +34,8 @@
 //              can be. A shaft has a resonance. A load step is not at an equal or larger step of
 //              the known load
 //   law        of a torque by speed: no other power of the speed explains the torque better than it,
-//              alone or with others (trace/speed_law.hpp)
+//              alone or with others. Load steps do not follow the reversals of the motion, as a
+//              friction does (trace/speed_law.hpp)
 //   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
 //   slip       no slip of the user explains its equation as well (trace/slips.hpp)
 //   whole      all accepted claims together lower the error in each file and equation on which they

@@ -177,8 +177,11 @@ std::vector<std::size_t> steps_at_reversals(const Record& record, const Members&
   const auto window = static_cast<std::size_t>(std::max(1.0, std::round(kWindow_s / record.T_s)));
   const auto speed = [&](std::size_t k) { return record.theta_m[k + window] - record.theta_m[k]; };
   double fastest = 0;
+  const auto is_known = [&](std::size_t k) {
+    return record.motion_ok[k] && record.motion_ok[k + window];
+  };
   for (std::size_t k = 0; k + window < record.size(); ++k)
-    fastest = std::max(fastest, std::abs(speed(k)));
+    if (is_known(k)) fastest = std::max(fastest, std::abs(speed(k)));
   struct Reversal {
     double from, to, direction;
   };
@@ -186,7 +189,7 @@ std::vector<std::size_t> steps_at_reversals(const Record& record, const Members&
   double before = 0, since = 0;
   for (std::size_t k = 0; k + window < record.size(); ++k) {
     const double now = speed(k);
-    if (std::abs(now) <= kStill * fastest) continue;
+    if (!is_known(k) || std::abs(now) <= kStill * fastest) continue;
     if (before * now < 0)
       reversals.push_back({since - kNear_s, record.t[k] + kWindow_s + kNear_s, now});
     before = now;
@@ -201,7 +204,9 @@ std::vector<std::size_t> steps_at_reversals(const Record& record, const Members&
         }))
       steps.push_back(m);
   }
-  return steps.size() < 2 ? std::vector<std::size_t>{} : steps;
+  // A friction steps at every reversal: where there are many, two steps are there by chance.
+  if (steps.size() < 2 || 2 * steps.size() < reversals.size()) steps.clear();
+  return steps;
 }
 
 }  // namespace twinrate

@@ -51,8 +51,8 @@ class Torsion final : public TraceableEffect, public EffectMemory {
   int regressor_count() const override { return 0; }
   void regressors(const OperatingPoint&, std::span<Contribution>) const override {}
   void coefficients(std::span<double>) const override {}
-  // The stiffness: antiresonances from 2.5 to 75 Hz. The damping: ratios of some per cent in the
-  // middle of that.
+  // The stiffness: antiresonances from 2.5 to 75 Hz, one of them at 12 Hz. The damping: ratios of
+  // some per cent in the middle of that.
   std::vector<TracedKey> traced_keys() const override {
     constexpr double kMiddle = 0.28;  // J_load over J, of the grid
     std::vector<double> stiffness;
