@@ -62,6 +62,13 @@ TEST(AngleError, OfAShaftIsThatOfTheClosedForm) {
   EXPECT_NEAR(1 - fall(shaft(J_load, f_Hz, damping), x, x).share, left, 0.03 * left);
 }
 
+// In a gap the load is loose: the motor's own inertia makes the torque of the error, whatever the shaft.
+TEST(AngleError, OfALooseLoadIsThatOfTheMotorAlone) {
+  const double J = servo().machine.J;
+  for (const double f_Hz : {10., 80.})
+    EXPECT_NEAR(fall(shaft(0.4 * J, f_Hz, 0.01), white(1), white(1)).loose, 1 - 0.6 * 0.6, 1e-9);
+}
+
 // The claim takes off nearly all of a loud line, and doubles the rest.
 TEST(AngleError, OneLineHoweverLoudIsOneFrequency) {
   const Members lighter = {effect_with("inertia", {{"change_kgm2", -0.3 * servo().machine.J}})};
