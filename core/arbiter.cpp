@@ -130,7 +130,8 @@ void Arbiter::gather() {
   } catch (const BadInput& refused) {
     return refuse(refused.what());
   }
-  agreed_.clear();
+  replied_.clear();
+  refusal_.reset();
   begun_ = Clock::now();
   phase_ = Phase::kPreparing;
   if (members_.empty()) return begin_applying();
@@ -156,7 +157,7 @@ void Arbiter::begin_applying() {
   if (tick_ >= host_.ticks)
     return refuse(fmt::format("tick {}: the run ends before it, at tick {}", tick_, host_.ticks));
   phase_ = Phase::kApplying;
-  agreed_.clear();
+  replied_.clear();
   request_t own = request_;
   own.value = static_cast<double>(tick_);
   host_.apply(own);
@@ -166,12 +167,16 @@ void Arbiter::begin_applying() {
 
 void Arbiter::take(const reply_t& reply) {
   if (phase_ == Phase::kIdle || reply.seq != request_.seq || !members_.count(reply.role)) return;
-  if (phase_ == Phase::kPreparing && reply.accepted == 0)
-    return refuse(fmt::format("{}", reply.text));
-  if (reply.applied_seq != (phase_ == Phase::kPreparing ? -1 : tick_)) return;
-  agreed_.insert(reply.role);
-  if (agreed_ != members_) return;
-  if (phase_ == Phase::kPreparing)
+  const bool preparing = phase_ == Phase::kPreparing;
+  if (preparing && reply.accepted == 0) {
+    if (!refusal_) refusal_ = reply.text;
+  } else if (reply.applied_seq != (preparing ? -1 : tick_)) {
+    return;
+  }
+  replied_.insert(reply.role);
+  if (replied_ != members_) return;
+  if (refusal_) return refuse(*std::exchange(refusal_, {}));
+  if (preparing)
     begin_applying();
   else
     done();
@@ -211,9 +216,10 @@ void Arbiter::finish(reply_t reply) {
 void Arbiter::turn() {
   if (phase_ == Phase::kGathering) return gather();
   if (phase_ == Phase::kPreparing && seconds_since(begun_) > kPatience_s)
-    return refuse(fmt::format("{} did not answer", names_of(without(members_, agreed_))));
+    return refuse(
+        refusal_.value_or(fmt::format("{} did not answer", names_of(without(members_, replied_)))));
   if (phase_ == Phase::kApplying && host_.margin_ticks > 0 && host_.next_tick() > tick_) {
-    const std::string late = names_of(without(members_, agreed_));
+    const std::string late = names_of(without(members_, replied_));
     if (is(request_, RequestKind::kSteer)) host_.event(Reason::kSteered, tick_, request_.text);
     reply_t reply{};
     reply.applied_seq = tick_;

@@ -5,7 +5,7 @@
 //   plant -> others  prepare: each process checks the request and agrees, or gives the reason why
 //                    not
 //   plant -> others  apply at T, repeated until each has confirmed
-//   plant -> asker   applied at T; or refused, with the reason of the refusing process
+//   plant -> asker   applied at T; or, once all have replied, refused with the first reason given
 //
 // In lock-step T is the first tick that the plant has not begun, or a later requested one, at most
 // kAhead_s later. Nothing of tick T exists before MEASUREMENT(T), and the plant does not send it
@@ -94,7 +94,8 @@ class Arbiter {
   Host host_;
   Phase phase_ = Phase::kIdle;
   request_t request_{};
-  std::set<int> members_, agreed_;
+  std::set<int> members_, replied_;
+  std::optional<std::string> refusal_;  // the first one, given when all have replied
   std::int64_t tick_ = 0;
   Clock::time_point begun_{}, sent_{};
   std::deque<reply_t> answered_;

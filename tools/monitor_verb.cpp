@@ -27,7 +27,7 @@ struct MonitorOptions {
 };
 
 constexpr double kTimeout_s = 3, kRepeat_s = 0.1;
-constexpr double kStart_s = 5;  // a starting set answers once all its processes run
+constexpr double kStart_s = 10;  // a starting set answers once all its processes run
 
 request_t request_of(const MonitorOptions& o) {
   request_t request{};
@@ -45,11 +45,11 @@ request_t request_of(const MonitorOptions& o) {
 }
 
 // Waits for a heartbeat: the request must carry the session of the drive.
-bool wait_for_heartbeat(Bus& bus) {
+bool wait_for_heartbeat(Bus& bus, double limit_s) {
   bool received = false;
   bus.subscribe<status_t>([&](const status_t&) { received = true; });
   const auto begun = Clock::now();
-  while (!received && seconds_since(begun) < kTimeout_s) bus.handle(20);
+  while (!received && seconds_since(begun) < limit_s) bus.handle(20);
   return received;
 }
 
@@ -127,13 +127,14 @@ class Replies {
 
 int change(const MonitorOptions& o) {
   const request_t request = request_of(o);
+  const std::string token = token_file(o);
   Bus bus({.url = o.url,
            .channel_suffix = o.channel_suffix,
            .role = Role::kSupervisor,
-           .token_file = token_file(o)});
+           .token_file = token});
   Replies replies(o, request.seq);
   bus.subscribe<reply_t>([&](const reply_t& reply) { replies.take(reply); });
-  if (!wait_for_heartbeat(bus)) {
+  if (!wait_for_heartbeat(bus, token.empty() ? kTimeout_s : kStart_s)) {
     fmt::print(stderr, "twinrate: no drive on the bus\n");
     return 1;
   }

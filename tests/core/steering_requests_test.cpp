@@ -46,6 +46,50 @@ TEST(SteeringRequests, OneForATickFarAheadIsRefusedInOneLine) {
   EXPECT_EQ(answer_to(0).applied_seq, 1000);
 }
 
+TEST(SteeringRequests, ARefusalIsGivenOnceEveryProcessHasReplied) {
+  constexpr int kGain = static_cast<int>(Role::kGain),
+                kEstimator = static_cast<int>(Role::kEstimator);
+  int prepares = 0;
+  std::vector<reply_t> answers;
+  Arbiter arbiter({.next_tick = [] { return std::int64_t{1000}; },
+                   .ticks = INT64_MAX,
+                   .members =
+                       [] {
+                         return std::set<int>{kEstimator, kGain};
+                       },
+                   .prepare = [](const request_t&) {},
+                   .apply = [](const request_t&) { FAIL() << "it is refused"; },
+                   .ask =
+                       [&](const request_t& asked) {
+                         prepares += asked.kind == static_cast<std::int32_t>(RequestKind::kPrepare);
+                       },
+                   .answer = [&](reply_t reply) { answers.push_back(std::move(reply)); },
+                   .event = [](Reason, std::int64_t, const std::string&) {},
+                   .released = [] {}});
+  request_t request{};
+  request.seq = 7;
+  request.kind = static_cast<std::int32_t>(RequestKind::kAddEffect);
+  arbiter.take(request, {});
+  const auto reply = [&](int role, bool accepted, const char* text) {
+    reply_t one{};
+    one.seq = 7;
+    one.role = role;
+    one.accepted = accepted;
+    one.applied_seq = -1;
+    one.text = text;
+    arbiter.take(one);
+  };
+  reply(kEstimator, false, "no such effect");
+  EXPECT_TRUE(answers.empty()) << "the gain did not hear the request, and is asked again";
+  std::this_thread::sleep_for(std::chrono::duration<double>(2 * Arbiter::kRepeat_s));
+  arbiter.turn();
+  EXPECT_EQ(prepares, 2);
+  reply(kGain, true, "");
+  ASSERT_EQ(answers.size(), 1u);
+  EXPECT_EQ(answers[0].accepted, 0);
+  EXPECT_EQ(answers[0].text, "no such effect");
+}
+
 TEST(SteeringRequests, OneOfASetThatStartsStaysUntilEveryProcessWasHeard) {
   bool heard = false;
   int applied = 0, answers = 0;
