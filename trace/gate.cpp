@@ -17,6 +17,7 @@
 #include "trace/keys.hpp"
 #include "trace/scale_bounds.hpp"
 #include "trace/speed_law.hpp"
+#include "trace/steps_at_reversals.hpp"
 #include "trace/vote.hpp"
 
 namespace twinrate {

@@ -13,7 +13,6 @@ namespace twinrate {
 namespace {
 
 constexpr double kLeastExponent = 0.25, kMostExponent = 5, kFirstStep = 0.25, kLastStep = 1e-2;
-constexpr double kRidge = 1e-12;  // of a column's energy: two equal columns
 
 bool is_by_speed(const Effect& effect) {
   const bool constant = is_of(effect, Traits::Family::kLoad) &&
@@ -21,35 +20,39 @@ bool is_by_speed(const Effect& effect) {
   return is_of(effect, Traits::Family::kFriction) || constant;
 }
 
-// Least squares of a target by columns, noise included.
+// Least squares of a target by fixed columns and one that is tried, noise included.
 class Squares {
  public:
-  Squares(const Rows& rows, Sampled target) : rows_(rows), target_(std::move(target)) {
-    all_ = product(target_, target_);
-  }
-  void add(const Sampled& column) { columns_.push_back(&column); }
-  void pop() { columns_.pop_back(); }
-  double left() const {
+  Squares(const Rows& rows, Sampled target, std::vector<Sampled> columns)
+      : rows_(rows), target_(std::move(target)), columns_(std::move(columns)) {
     const auto n = static_cast<Eigen::Index>(columns_.size());
-    Eigen::MatrixXd A(n, n);
-    Eigen::VectorXd b(n);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      b[i] = product(column(i), target_);
-      for (Eigen::Index j = 0; j <= i; ++j) A(i, j) = A(j, i) = product(column(i), column(j));
-    }
-    A.diagonal() *= 1 + kRidge;
-    return all_ - b.dot(A.ldlt().solve(b));
+    normal_ = {Eigen::MatrixXd(n + 1, n + 1), Eigen::VectorXd(n + 1), Eigen::VectorXd::Zero(n + 1)};
+    all_ = product(target_, target_);
+    for (Eigen::Index i = 0; i < n; ++i) place(i, columns_[static_cast<std::size_t>(i)]);
+  }
+  // The energy that is left with the tried column.
+  double left_with(const Sampled& tried) {
+    place(normal_.b.size() - 1, tried);
+    const auto& [A, b, noise] = normal_;
+    const Eigen::VectorXd x = normal_.solve(normal_.usable(1));
+    return all_ - 2 * b.dot(x) + x.dot(A * x);
   }
 
  private:
-  const Sampled& column(Eigen::Index i) const { return *columns_[static_cast<std::size_t>(i)]; }
+  void place(Eigen::Index i, const Sampled& column) {
+    normal_.b[i] = product(column, target_);
+    normal_.A(i, i) = product(column, column);
+    for (Eigen::Index j = 0; j < i; ++j)
+      normal_.A(i, j) = normal_.A(j, i) = product(column, columns_[static_cast<std::size_t>(j)]);
+  }
   double product(const Sampled& a, const Sampled& b) const {
     const EquationEnergy e = rows_.energy(a, b);
     return e.electrical + e.torque;
   }
   const Rows& rows_;
   Sampled target_;
-  std::vector<const Sampled*> columns_;
+  std::vector<Sampled> columns_;
+  NormalEquations normal_;
   double all_ = 0;
 };
 
@@ -89,12 +92,7 @@ class Powers {
 
 // The exponent with the least error: on a grid, then ever closer round the best.
 std::pair<double, double> best_exponent(Squares& squares, Powers& powers) {
-  const auto left_by = [&](double p) {
-    squares.add(powers(p));
-    const double left = squares.left();
-    squares.pop();
-    return left;
-  };
+  const auto left_by = [&](double p) { return squares.left_with(powers(p)); };
   double best = kLeastExponent, least = left_by(best);
   const auto ask = [&](double p) {
     if (p < kLeastExponent || p > kMostExponent) return;
@@ -138,10 +136,10 @@ Replaced without(const Fitter& fitter, const Fit& fit, const std::vector<std::si
   Sampled target = fit.y;
   add(target, chain.whitened(chain.noiseless(others)), 1);
   add(target, chain.whitened(chain.noiseless(fit.effects())), -1);
-  Replaced replaced{{fitter.training(), std::move(target)}, parameters};
+  std::vector<Sampled> columns;
   for (std::size_t i = 0; i < fit.free.size(); ++i)
-    if (!is_replaced(fit.free[i].member)) replaced.squares.add(fit.J[i]);
-  return replaced;
+    if (!is_replaced(fit.free[i].member)) columns.push_back(fit.J[i]);
+  return {{fitter.training(), std::move(target), std::move(columns)}, parameters};
 }
 
 }  // namespace
@@ -169,44 +167,6 @@ std::optional<SpeedLaw> speed_law(const Fitter& fitter, const Fit& fit) {
     if (law.gain > fitter.margin() && (!best || law.gain > best->gain)) best = std::move(law);
   }
   return best;
-}
-
-std::vector<std::size_t> steps_at_reversals(const Record& record, const Members& members) {
-  constexpr double kWindow_s = 0.02, kNear_s = 0.06;
-  constexpr double kStill = 0.02;  // of the largest speed
-  const auto window = static_cast<std::size_t>(std::max(1.0, std::round(kWindow_s / record.T_s)));
-  const auto speed = [&](std::size_t k) { return record.theta_m[k + window] - record.theta_m[k]; };
-  double fastest = 0;
-  const auto is_known = [&](std::size_t k) {
-    return record.motion_ok[k] && record.motion_ok[k + window];
-  };
-  for (std::size_t k = 0; k + window < record.size(); ++k)
-    if (is_known(k)) fastest = std::max(fastest, std::abs(speed(k)));
-  struct Reversal {
-    double from, to, direction;
-  };
-  std::vector<Reversal> reversals;
-  double before = 0, since = 0;
-  for (std::size_t k = 0; k + window < record.size(); ++k) {
-    const double now = speed(k);
-    if (!is_known(k) || std::abs(now) <= kStill * fastest) continue;
-    if (before * now < 0)
-      reversals.push_back({since - kNear_s, record.t[k] + kWindow_s + kNear_s, now});
-    before = now;
-    since = record.t[k];
-  }
-  std::vector<std::size_t> steps;
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    if (!is_placed(*members[m], Traits::Place::kMoment)) continue;
-    const double t = get_key(*members[m], "time_s"), torque = get_key(*members[m], "torque_Nm");
-    if (std::any_of(reversals.begin(), reversals.end(), [&](const Reversal& r) {
-          return t >= r.from && t <= r.to && torque * r.direction > 0;
-        }))
-      steps.push_back(m);
-  }
-  // A friction steps at every reversal: where there are many, two steps are there by chance.
-  if (steps.size() < 2 || 2 * steps.size() < reversals.size()) steps.clear();
-  return steps;
 }
 
 }  // namespace twinrate

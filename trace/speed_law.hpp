@@ -28,9 +28,4 @@ struct SpeedLaw {
 // by the fitter's margin.
 std::optional<SpeedLaw> speed_law(const Fitter& fitter, const Fit& fit);
 
-// The load steps that a friction makes: at two or more reversals of the motion, and at half of them
-// at least, each against the new direction. Indices of `members`. A friction and a constant load of
-// equal size were three load steps in a drawn log with 512 counts and coarse currents.
-std::vector<std::size_t> steps_at_reversals(const Record& record, const Members& members);
-
 }  // namespace twinrate

@@ -6,6 +6,7 @@
 
 #include "tests/trace/fitted_drive.hpp"
 #include "tests/trace/traced_drive.hpp"
+#include "trace/steps_at_reversals.hpp"
 
 namespace twinrate {
 namespace {
