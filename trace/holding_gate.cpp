@@ -242,6 +242,74 @@ bool keeps_lag(const Found& found, const Judge& judge) {
   return signed_rank_tail(votes) < criterion.chance;
 }
 
+// The speed around the row of each mean, in the order of the means; empty for a map.
+std::vector<double> speeds(const Sweep& s) {
+  const PositionLog& log = *s.log;
+  std::vector<double> speeds;
+  if (!log.has_time()) return speeds;
+  for (const Mean& mean : s.means) {
+    const auto at = static_cast<std::size_t>(mean.at);
+    const std::size_t first = at - std::min(at, s.length),
+                      last = std::min(at + s.length, log.size() - 1);
+    speeds.push_back(std::abs(log.theta_m[last] - log.theta_m[first]) /
+                     (log.t[last] - log.t[first]));
+  }
+  return speeds;
+}
+
+// Fits a torque in proportion to the speed beside the friction, to the moving rows that do not
+// judge: at standstill the current may have any value within the friction.
+FrictionSlope friction_slope(const Logs& logs, const Terms& terms, const Eigen::VectorXd& sizes) {
+  constexpr double kStill = 0.1;  // of the fastest row
+  const PointRows rows = rows_of(logs, terms, sizes);
+  std::vector<double> speed;
+  for (const PositionLog* log : logs) {
+    const std::vector<double> own = speeds(sweep_of(*log, terms, sizes));
+    if (own.empty()) return {};
+    speed.insert(speed.end(), own.begin(), own.end());
+  }
+  double fastest = 0;
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    if (!rows.judges[k]) fastest = std::max(fastest, speed[k]);
+  const auto is_used = [&](std::size_t k) {
+    return !rows.judges[k] && speed[k] > kStill * fastest;
+  };
+  const Index n = rows.x.cols(), friction = terms.columns() - 1;
+  Eigen::MatrixXd x(rows.x.rows(), n + 1);
+  x << rows.x, Eigen::VectorXd::Zero(rows.x.rows());
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const auto row = static_cast<Index>(k);
+    x(row, n) = speed[k] * x(row, friction);
+    if (!is_used(k)) x.row(row).setZero();
+  }
+  Eigen::MatrixXd normal = x.transpose() * x;
+  normal.diagonal() *= 1 + 1e-9;
+  const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
+  const Eigen::VectorXd beta = factor.solve(x.transpose() * rows.y),
+                        inverse = factor.solve(Eigen::VectorXd::Unit(n + 1, n)),
+                        rest = rows.y - x * beta;
+  double squares = 0, beside = 0, count = 0;
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    if (!is_used(k)) continue;
+    const double r = rest[static_cast<Index>(k)];
+    squares += r * r;
+    count += 1;
+    if (const Index next = rows.next[k]; next >= 0 && is_used(static_cast<std::size_t>(next)))
+      beside += r * rest[next];
+  }
+  const double r = std::clamp(beside / squares, 0.0, 0.98);
+  const double over = fastest / std::abs(beta[friction]);
+  return {.change = std::copysign(over, beta[friction]) * beta[n],
+          .sigma = over * std::sqrt(squares / count * inverse[n] * (1 + r) / (1 - r))};
+}
+
+void measure_friction_slope(const Logs& logs, Found& found) {
+  found.friction_slope = {};
+  if (found.holding.T_C == 0) return;
+  found.friction_slope = friction_slope(
+      logs, terms_of(found.holding), found_sizes(found.holding, found.machine.torque_constant()));
+}
+
 bool tells_friction(const Found& found) {
   const std::vector<PositionClaim>& claims = position_claims();
   const auto own =
@@ -258,6 +326,7 @@ void refuse_orders(Found& found, const Judge& judge, const TraceHooks& hooks, Tr
     if (log->held_out) logs.push_back(log);
   if (!tells_friction(found)) found.holding.T_C = 0;
   refuse_sines(logs, hooks, found, r);
+  measure_friction_slope(logs, found);
   if (found.holding.lag <= 0 || hooks.stopped() || keeps_lag(found, judge)) return;
   r.refused.push_back({.kind = std::string(make_of(Traits::Family::kLag)->kind()),
                        .rule = "transfer",
@@ -266,6 +335,7 @@ void refuse_orders(Found& found, const Judge& judge, const TraceHooks& hooks, Tr
   found.holding.lag = found.holding.sigma_lag = found.holding.lag_share = 0;
   found.lag_is_of_current = false;
   refuse_sines(logs, hooks, found, r);
+  measure_friction_slope(logs, found);
 }
 
 }  // namespace twinrate

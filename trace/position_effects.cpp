@@ -146,6 +146,13 @@ void add_friction(const Found& found, const Judge& judge, const DriveFacts& fact
                                 .without = judge.error(found, model),
                                 .with = judge.error(found, found.model())},
                                facts));
+    if (found.friction_slope.falls()) {
+      r.effects.back().aliases = {"stribeck_friction"};
+      r.ambiguous.push_back({{"coulomb_friction", "stribeck_friction"},
+                             fmt::format("the friction falls by {:.0f} % up to the fastest rows",
+                                         -100 * found.friction_slope.change),
+                             "constant speeds from creeping to the fastest, in both directions"});
+    }
   }
   if (!found.at_rest.empty() && !found.holding.both_directions)
     r.ambiguous.push_back(

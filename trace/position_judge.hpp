@@ -18,11 +18,21 @@ inline constexpr double kNoError = std::numeric_limits<double>::quiet_NaN();
 using Logs = std::vector<const PositionLog*>;
 
 // Everything that the logs gave, before it becomes text.
+// Change of the friction from standstill to the fastest rows in which the current holds the rotor,
+// as a share of its size at standstill.
+struct FrictionSlope {
+  double change = 0, sigma = 0;
+  // A Coulomb friction does not fall; the viscous friction of the drive file may be too large by a
+  // tenth of it.
+  bool falls() const { return change < -0.1 && change < -5 * sigma; }
+};
+
 struct Found {
   const MachineParameters& machine;
   Logs at_rest, in_motion;  // that train
   HoldingTorque holding;
   SpinUp spin;
+  FrictionSlope friction_slope;
   bool lag_is_of_current = false;
   SpeedLag speed_lag;
   WindingVoltage voltage;                         // of all rows that train

@@ -248,10 +248,8 @@ TraceResult trace_considered(const std::vector<PositionLog>& logs, const DriveFa
       r.not_identifiable.push_back({kind, "phase currents and both voltages are not in the data"});
   }
   leave_out_excluded(settings.considered, r);
-  r.verdict = !r.effects.empty()     ? "traced"
-              : !r.ambiguous.empty() ? "ambiguous"
-                                     : "nothing_missing";
-  r.sentence = sentence(r, found, judge);
+  r.verdict = verdict_of(r);
+  r.sentence = (r.effects.empty() ? "" : headline_begins(r)) + sentence(r, found, judge);
   if (r.effects.empty())
     if (const std::string why = nothing_explained(r, judge); !why.empty()) {
       r.verdict = "ambiguous";

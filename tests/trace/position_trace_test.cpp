@@ -193,6 +193,32 @@ TEST(Positions, CurrentsInMilliamperesAreNoneOfThisDrive) {
   EXPECT_TRUE(r.effects.empty());
 }
 
+// Forward and back at speeds up to 0.2 rad/s, with a friction that falls by a share of itself.
+TEST(HoldingTorque, AFrictionThatFallsWithTheSpeedHasTwoNames) {
+  const auto trace = [](double fall) {
+    PositionLog log{.path = "sweep"};
+    for (std::uint64_t k = 0; k < 6000; ++k) {
+      const double t = 1e-2 * static_cast<double>(k), turn = kTurn * t / 60,
+                   speed = std::abs(std::sin(turn));
+      log.t.push_back(t);
+      log.theta_m.push_back(2 * (1 - std::cos(turn)) + 1e-5 * normal(6, 0, k));
+      log.i_q.push_back((turn < kTurn / 2 ? 1 : -1) * 1.5e-3 * (1 - fall * speed) / 0.0275 +
+                        0.005 * normal(6, 1, k));
+    }
+    return trace_positions(hold_out({log}, 0.25, machine()), {.machine = machine(), .v_dc = 24});
+  };
+  for (const double fall : {0.0, 0.04, 0.4}) {
+    const TraceResult r = trace(fall);
+    ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+    EXPECT_EQ(r.effects[0].effect->kind(), "coulomb_friction");
+    EXPECT_EQ(r.verdict, fall > 0.1 ? "ambiguous" : "traced") << fall;
+    EXPECT_EQ(r.effects[0].aliases.size(), fall > 0.1 ? 1u : 0u) << fall;
+    if (fall < 0.1) continue;
+    EXPECT_EQ(r.ambiguous[0].why.find("the friction falls by 4"), 0u) << r.ambiguous[0].why;
+    EXPECT_EQ(r.sentence.find("Ambiguous"), 0u) << r.sentence;
+  }
+}
+
 TEST(HoldingTorque, OneWayLeavesFrictionUnnamed) {
   const PositionLog log = sweep({}, false);
   const std::vector<const PositionLog*> logs{&log};
