@@ -34,6 +34,8 @@ class Search {
   // Noise model from the residual of the effects found so far; computes the columns again if
   // needed.
   void renew_noise(bool first);
+  // Takes a refused fit, and its noise, if its last member helps beside that noise.
+  bool helps_under_its_noise(Fit refused);
 
   DriveProblem& problem_;
   double margin_;

@@ -64,7 +64,7 @@ class Selector {
     fit_ = without_superfluous(fitter_, std::move(fit_), say_);
     const bool added = fit_.members.size() < kMostMembers && add_one();
     if (added) fit_ = without_superfluous(fitter_, std::move(fit_), say_);
-    state = {added, gaps_left_, lines_left_};
+    state = {added, gaps_left_, lines_left_, added ? Fit{} : std::move(refused_)};
     return std::move(fit_);
   }
 
@@ -166,8 +166,10 @@ class Selector {
       }
     }
     if (best.members.empty()) best = std::move(overdamped);
-    if (best.members.empty() && refused_gain > kTwoMissing * fitter_.margin())
+    if (best.members.empty() && refused_gain > kTwoMissing * fitter_.margin()) {
       best = with_another(now, refused);
+      refused_ = std::move(refused);
+    }
     if (best.members.empty()) return false;
     fit_ = std::move(best);
     place_anew();
@@ -363,7 +365,7 @@ class Selector {
   const Fitter& fitter_;
   const std::vector<Candidate>& candidates_;
   const Say& say_;
-  Fit fit_;
+  Fit fit_, refused_;
   int gaps_left_ = 0, lines_left_ = 0;
 };
 
