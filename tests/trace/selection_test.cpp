@@ -57,6 +57,25 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewCandidateIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
+// A winding warms up: its resistance fits the late rows, and the first ones refuse it.
+TEST(Selection, ARefusedCandidateOfALargeGainIsHandedOn) {
+  const auto refused_of = [](double warm) {
+    const RawLog raw = simulate_synthetic({.duration_s = 2, .R_warm = warm, .warm_s = 2});
+    std::vector<char> held_out(raw.size(), 0);
+    std::fill_n(held_out.begin(), raw.size() / 6, 1);
+    const auto resistance = effect_with("resistance", {{"change_Ohm", 0.3 * warm}});
+    const FittedDrive drive(raw, {resistance}, held_out);
+    std::vector<Sampled> columns = drive.chain().columns(*resistance);
+    for (Sampled& x : columns) x = drive.chain().regressor(x);
+    RoundState state;
+    const Fit fit = select_one(drive.fitter(), {{resistance, columns}}, {}, {}, state);
+    EXPECT_FALSE(state.added) << warm;
+    return kinds_of(state.refused.members);
+  };
+  EXPECT_EQ(refused_of(1), (std::vector<std::string>{"resistance"}));
+  EXPECT_TRUE(refused_of(0.02).empty());
+}
+
 // Each of four reasons for a gap, alone, and just short of it.
 TEST(Selection, AGapTakesThePlaceOfAShaftForEachOfFourReasons) {
   constexpr double kMargin = 10, kGain = 1000;
