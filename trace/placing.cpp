@@ -88,6 +88,7 @@ struct Grid {
 
 std::vector<std::shared_ptr<Effect>> copies(const std::vector<std::shared_ptr<Effect>>& effects) {
   std::vector<std::shared_ptr<Effect>> out;
+  out.reserve(effects.size());
   for (const auto& effect : effects) out.push_back(effect->clone());
   return out;
 }
