@@ -206,8 +206,10 @@ void name_aliases(const Record& record, const Considered& considered, const Dict
       return std::count(e.aliases.begin(), e.aliases.end(), reading->kind) == 0;
     };
     const auto* drop = reading_of(*e.effect, Traits::Reading::kAtOneBusVoltage);
-    if (drop && e.aliases.size() < kMostAliases && lacks(drop) && one_bus_voltage(record))
-      e.aliases.emplace_back(drop->kind);
+    const auto* threshold = reading_of(*e.effect, Traits::Reading::kItsThreshold);
+    for (const Traits::Reading* loss : {drop, threshold})
+      if (loss && e.aliases.size() < kMostAliases && lacks(loss) && one_bus_voltage(record))
+        e.aliases.emplace_back(loss->kind);
     // A resistance beside such a loss may be part of one drop, which has both.
     for (const TracedEffect& loss : r.effects) {
       const auto* device = reading_of(*loss.effect, Traits::Reading::kAtOneBusVoltage);

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "model/effects/catalogue.hpp"
+#include "trace/drop_shape.hpp"
 #include "trace/keys.hpp"
 #include "trace/placing.hpp"
 #include "trace/static_sets.hpp"
@@ -171,7 +172,7 @@ class Selector {
       refused_ = std::move(refused);
     }
     if (best.members.empty()) return false;
-    fit_ = std::move(best);
+    fit_ = with_best_shape(fitter_, std::move(best), say_);
     place_anew();
     return true;
   }

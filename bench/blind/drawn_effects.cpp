@@ -7,6 +7,8 @@
 #include <map>
 #include <numeric>
 
+#include "model/effects/shapes.hpp"
+
 namespace twinrate::blind {
 namespace {
 
@@ -130,18 +132,24 @@ const std::map<std::string, Make>& torque_makers() {
   return kMakers;
 }
 
+// The corner of a drop: half of them clamped, the others smooth.
+void corner(Maker& m) {
+  m.key("linear_current_A", m.machine().i_rated * m.draw().log_between(0.005, 0.2));
+  if (m.draw().happens(0.5)) m.choice("shape", kCurrentShapeNames[m.draw().whole(1, 3)]);
+}
+
 const std::map<std::string, Make>& electrical_makers() {
   static const std::map<std::string, Make> kMakers = {
       {"dead_time",
        [](Maker& m) {
          m.key("dead_time_s", 1e-7 * m.times());
-         m.key("linear_current_A", m.machine().i_rated * m.draw().log_between(0.005, 0.05));
+         corner(m);
        }},
       {"inverter_drop",
        [](Maker& m) {
          m.key("threshold_V", 1e-3 * m.drawn().v_dc * m.times());
          m.key("resistance_Ohm", 0.02 * m.machine().R_s * m.times());
-         m.key("linear_current_A", m.machine().i_rated * m.draw().log_between(0.005, 0.05));
+         corner(m);
        }},
       {"inverter_offset",
        [](Maker& m) {

@@ -57,6 +57,30 @@ TEST(Selection, ADropWhoseSlopeFallsBelowZeroBesideTheNewCandidateIsADeadTime) {
   ASSERT_EQ(kinds_of(fit.members), (std::vector<std::string>{"dead_time", "inductance"}));
 }
 
+// The candidates are clamped; a clamped drop has its own shape.
+TEST(Selection, ADropWithASmoothCornerGetsItsShape) {
+  const auto shape_found = [](bool smooth) {
+    constexpr double kLoss = 3.8, kZone = 0.3;  // V, A
+    const auto drop =
+        effect_with("dead_time", {{"dead_time_s", 1e-6}, {"linear_current_A", kZone}});
+    const FittedDrive drive(
+        simulate_synthetic(
+            {.duration_s = 2, .loss_V = kLoss, .loss_A = kZone, .smooth_loss = smooth}),
+        {drop});
+    const Fitter fitter = drive.fitter();
+    std::vector<Sampled> columns = drive.chain().columns(*drop);
+    for (Sampled& x : columns) x = drive.chain().regressor(x);
+    RoundState state;
+    const Fit fit = select_one(fitter, {{drop, columns}}, {}, {}, state);
+    EXPECT_EQ(fit.members.size(), 1u);
+    const Effect& found = *fit.members.at(0);
+    EXPECT_NEAR(get_key(found, "linear_current_A"), kZone, 0.02 * kZone);
+    return get_key(found, "shape");
+  };
+  EXPECT_EQ(shape_found(true), 1) << "tanh";
+  EXPECT_EQ(shape_found(false), 0);
+}
+
 // A winding warms up: its resistance fits the late rows, and the first ones refuse it.
 TEST(Selection, ARefusedCandidateOfALargeGainIsHandedOn) {
   const auto refused_of = [](double warm) {

@@ -26,6 +26,7 @@ struct SyntheticDrive {
   double R_warm = 0, warm_s = 2;     // ohm that a winding gains, with this time constant
   double offset_theta = 0;           // rad, of the encoder
   double loss_V = 0, loss_A = 0.12;  // a leg loses loss_V sign(i), less below loss_A
+  bool smooth_loss = false;          // loss_V tanh(i/loss_A) instead
   double i_noise = 0.008, lsb = 0.009765625;
   int counts = 1048576;                   // of the encoder, which rounds down
   double speeds = 1, loads = 1, i_d = 1;  // of those of the servo
@@ -114,7 +115,10 @@ inline RawLog simulate_synthetic(const SyntheticDrive& d) {
                  u_be = std::sin(mid) * u_d + std::cos(mid) * u_q;
     raw.u_alpha.push_back(u_al);
     raw.u_beta.push_back(u_be);
-    const auto lost = [&](double i) { return d.loss_V * std::clamp(i / d.loss_A, -1.0, 1.0); };
+    const auto lost = [&](double i) {
+      return d.loss_V *
+             (d.smooth_loss ? std::tanh(i / d.loss_A) : std::clamp(i / d.loss_A, -1.0, 1.0));
+    };
     // RK4 over the interval: i_d, i_q, omega, theta.
     using State = std::array<double, 4>;
     const auto rate = [&](const State& x, double time) -> State {
