@@ -422,6 +422,9 @@ TraceResult conclude(const Conclusion& c) {
     r.sentence = sentence(r);
   }
   name_the_others(chain.equations(), r);
+  // A lag of the current turns an i_d of field weakening into a torque that grows with the speed.
+  if (chain.equations().record().i_q_alone && !r.effects.empty())
+    r.sentence += " This holds if i_d was 0: the log has no i_d.";
   return r;
 }
 

@@ -6,7 +6,7 @@
 
 namespace twinrate {
 
-// `fit`, or the best fit with another shape of its last member if its score is better by the margin.
-Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say);
+// `fit`, with another shape of each drop whose score is better by the margin.
+Fit with_best_shapes(const Fitter& fitter, Fit fit, const Say& say);
 
 }  // namespace twinrate
