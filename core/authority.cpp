@@ -66,8 +66,14 @@ SessionFile::SessionFile(const RunningSet& set)
                                        {"session", set.session},
                                        {"url", set.url},
                                        {"channel_suffix", set.channel_suffix}};
-  write_new(path_, json.dump(2) + "\n");
-  chmod(path_.c_str(), S_IRUSR | S_IWUSR);
+  // Written under another name: who finds the file finds the whole set.
+  expect_free(path_, false);
+  PartFile part(path_);
+  std::ofstream file(part.part_path(), std::ios::binary);
+  file << json.dump(2) << "\n";
+  file.close();
+  if (!file || chmod(part.part_path().c_str(), S_IRUSR | S_IWUSR) != 0) part.fail();
+  part.finish();
 }
 
 SessionFile::~SessionFile() {

@@ -20,7 +20,7 @@ RunningSet find_running_set(const std::string& run_dir);
 // The file, as long as this object lives.
 class SessionFile {
  public:
-  // Throws as write_new().
+  // Throws BadInput if the file exists or cannot be written.
   explicit SessionFile(const RunningSet& set);
   ~SessionFile();
   SessionFile(const SessionFile&) = delete;
