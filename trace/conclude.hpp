@@ -20,6 +20,9 @@ struct Conclusion {
   const JudgedFiles& files;
   const Health& health;  // findings from the samples (clipping, missing and stale rows ..)
   const BusRipple& bus;  // findings from the bus voltage
+  // The moment of the voltage is not known: a lag, or an offset of the encoder, may be there that is
+  // too small to be traced.
+  bool lag_is_open = false;
 };
 TraceResult conclude(const Conclusion& c);
 

@@ -436,7 +436,8 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
                                  .fitted = fitted,
                                  .files = files,
                                  .health = health_,
-                                 .bus = bus});
+                                 .bus = bus,
+                                 .lag_is_open = log.voltage.open_s > 0});
   if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
     return from_zero(by, "the zero of theta_m was moved within a count", judging, given);
   for (const std::string& line : {log.voltage.told, log.fast})
