@@ -54,10 +54,10 @@ Fit reshaped(const Fitter& fitter, Fit fit, std::size_t m, const Say& say) {
 
 }  // namespace
 
-Fit with_best_shapes(const Fitter& fitter, Fit fit, const Say& say) {
-  for (std::size_t m = 0; m < fit.members.size(); ++m)
-    if (has_key(*fit.members[m], kShape)) fit = reshaped(fitter, std::move(fit), m, say);
-  return fit;
+Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say) {
+  if (!has_key(*fit.members.back(), kShape)) return fit;
+  const std::size_t last = fit.members.size() - 1;
+  return reshaped(fitter, std::move(fit), last, say);
 }
 
 }  // namespace twinrate

@@ -6,7 +6,9 @@
 
 namespace twinrate {
 
-// `fit`, with another shape of each drop whose score is better by the margin.
-Fit with_best_shapes(const Fitter& fitter, Fit fit, const Say& say);
+// `fit`, or the best fit with another shape of its last member if its score is better by the margin.
+// Not asked again beside later effects: a resistance beside a clamped drop of a log of every 10th
+// tick was then a smooth drop, and the gate refused both.
+Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say);
 
 }  // namespace twinrate

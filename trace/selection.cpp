@@ -172,7 +172,7 @@ class Selector {
       refused_ = std::move(refused);
     }
     if (best.members.empty()) return false;
-    fit_ = with_best_shapes(fitter_, std::move(best), say_);
+    fit_ = with_best_shape(fitter_, std::move(best), say_);
     place_anew();
     return true;
   }
