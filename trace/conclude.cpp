@@ -294,20 +294,6 @@ std::string sentence(const TraceResult& r) {
   return text.substr(0, text.size() - 1);
 }
 
-// Where a lag may be present that is not traced, a kind that it explains by most of its gain may be
-// that lag. (A filter of 55 us in the currents of a log of every 20th tick was an inductance, of
-// which a lag explained 0.90.)
-void add_open_lags(const Selected& selected, TracedEffect& e) {
-  constexpr double kMost = 0.8;
-  for (const Alternative& a : selected.alternatives) {
-    const std::shared_ptr<Effect> other = make_effect(a.kind);
-    const bool is_open = is_of(*other, Traits::Family::kLag) || has_key(*other, "offset_rad");
-    if (is_open && a.why == kExplainsLess && a.score_gain > kMost * selected.score_gain &&
-        !std::count(e.aliases.begin(), e.aliases.end(), a.kind))
-      e.aliases.push_back(a.kind);
-  }
-}
-
 // Effects and stop-gaps that passed, with the parameters of the last fit. Returns the structures of
 // the stop-gaps.
 std::vector<Structure> add_members(const Conclusion& c, TraceResult& r) {
@@ -315,7 +301,7 @@ std::vector<Structure> add_members(const Conclusion& c, TraceResult& r) {
   const Fit& fit = c.selection.fit;
   for (std::size_t m = 0; m < fit.members.size(); ++m) {
     const Selected& selected = c.selection.members[m];
-    TracedEffect e = traced_effect(c.rounds, fit, selected, m);
+    TracedEffect e = traced_effect(c.rounds, fit, selected, m, c.lag_is_open);
     take_parameters(c.last, c.fitted, m, e);
     e.held_out_gain = c.passed.judgements[m].held_out_gain;
     if (is_placed(*fit.members[m], Traits::Place::kLine)) {
@@ -324,7 +310,6 @@ std::vector<Structure> add_members(const Conclusion& c, TraceResult& r) {
       r.stop_gaps.push_back(std::move(e));
       continue;
     }
-    if (c.lag_is_open) add_open_lags(selected, e);
     for (const Alternative& a : selected.alternatives)
       r.rejected.push_back({a.kind, a.score_gain, a.held_out_gain,
                             fmt::format("in place of {}: {}", e.effect->kind(), a.why)});

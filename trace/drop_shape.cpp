@@ -14,35 +14,34 @@ namespace {
 
 constexpr const char* kShape = "shape";
 constexpr const char* kZone = "linear_current_A";
-constexpr std::size_t kClamped = static_cast<std::size_t>(CurrentShape::kClamp);
 constexpr double kZoneOfSmooth = 0.7;  // of that of the clamped drop nearest to a smooth one
 
-// The best fit with another shape of member m; it has to be better by the margin.
-Fit reshaped(const Fitter& fitter, Fit fit, std::size_t m, const Say& say) {
-  const Effect& drop = *fit.members[m];
+}  // namespace
+
+Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say) {
+  const Effect& drop = *fit.members.back();
+  if (!has_key(drop, kShape)) return fit;
   // A smooth drop without a slope may have a negative one beside a wrong zone. The simpler one comes
-  // first: what comes later has to be better by the margin.
+  // first: a later one has to be better by the margin.
   std::vector<std::shared_ptr<Effect>> starts;
   if (reading_of(drop, Traits::Reading::kItsThreshold))
     if (auto dead_time = equivalent_dead_time(drop, fitter.chain().equations().facts()))
       starts.push_back(std::move(dead_time));
   starts.push_back(drop.clone());
-  const auto shape_now = static_cast<std::size_t>(get_key(drop, kShape));
   double best = score_of(fitter, fit);
   Fit found;
   for (const std::shared_ptr<Effect>& start : starts)
     for (std::size_t shape = 0; shape < std::size(kCurrentShapeNames); ++shape) {
-      if (shape == shape_now) continue;
-      const double zone = shape_now == kClamped ? kZoneOfSmooth
-                          : shape == kClamped   ? 1 / kZoneOfSmooth
-                                                : 1;
       Members members = with(fit.members, nullptr);
-      members[m] = start->clone();
-      if (!set_key(*members[m], kShape, static_cast<double>(shape)) ||
-          !set_key(*members[m], kZone, zone * get_key(*start, kZone)))
+      members.back() = start->clone();
+      if (get_key(drop, kShape) == static_cast<double>(shape) ||
+          !set_key(*members.back(), kShape, static_cast<double>(shape)) ||
+          !set_key(*members.back(), kZone, kZoneOfSmooth * get_key(*start, kZone)))
         continue;
       Fit other = fitter.refine(std::move(members));
-      if (!other.valid || score_of(fitter, other) > best - fitter.margin()) continue;
+      if (!other.valid || score_of(fitter, other) > best - fitter.margin() ||
+          other.rss_held_out > fit.rss_held_out)
+        continue;
       if (say)
         say(fmt::format("  {} with the shape {}: score {:.0f} -> {:.0f}", start->kind(),
                         kCurrentShapeNames[shape], best, score_of(fitter, other)));
@@ -50,14 +49,6 @@ Fit reshaped(const Fitter& fitter, Fit fit, std::size_t m, const Say& say) {
       found = std::move(other);
     }
   return found.members.empty() ? std::move(fit) : std::move(found);
-}
-
-}  // namespace
-
-Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say) {
-  if (!has_key(*fit.members.back(), kShape)) return fit;
-  const std::size_t last = fit.members.size() - 1;
-  return reshaped(fitter, std::move(fit), last, say);
 }
 
 }  // namespace twinrate

@@ -6,7 +6,8 @@
 
 namespace twinrate {
 
-// `fit`, or the best fit with another shape of its last member if its score is better by the margin.
+// `fit`, or the best fit with another shape of its last member if its score is better by the
+// margin and its held-out error is not larger.
 // Not asked again beside later effects: a resistance beside a clamped drop of a log of every 10th
 // tick was then a smooth drop, and the gate refused both.
 Fit with_best_shape(const Fitter& fitter, Fit fit, const Say& say);

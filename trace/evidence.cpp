@@ -126,6 +126,16 @@ bool begins_at_an_edge(const Record& record, const Effect& effect) {
   return std::min(share, 1 - share) < kEdge;
 }
 
+// Where a lag may be present that is not traced, a kind that it explains by most of its gain may be
+// that lag. (A filter of 55 us in the currents of a log of every 20th tick was an inductance, of
+// which a lag explained 0.90.)
+bool may_be_open_lag(const Alternative& a, double gain) {
+  constexpr double kMost = 0.8;
+  const std::shared_ptr<Effect> other = make_effect(a.kind);
+  return (is_of(*other, Traits::Family::kLag) || has_key(*other, "offset_rad")) &&
+         a.score_gain > kMost * gain;
+}
+
 }  // namespace
 
 void take_parameters(const Fitter& fitter, const Fit& fit, std::size_t m, TracedEffect& e) {
@@ -135,7 +145,8 @@ void take_parameters(const Fitter& fitter, const Fit& fit, std::size_t m, Traced
   e.materiality = e.effect->tracing().materiality(fitter.chain().equations().facts());
 }
 
-TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected& s, std::size_t m) {
+TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected& s, std::size_t m,
+                           bool lag_is_open) {
   const Rows& rows = fitter.training();
   const double N = static_cast<double>(rows.count(fit.y));
   const Effect& effect = *fit.members[m];
@@ -155,10 +166,12 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
   const auto as_much = [&](const Alternative& a) {
     return near(explains(a), s.score_gain, fitter.margin() / Fitter::kMargin) ||
            (at_edge && explains(a) > kMostOfIt * s.score_gain) ||
+           (lag_is_open && may_be_open_lag(a, s.score_gain)) ||
            (faulty && a.held_out_gain > (1 - kFaultyShare) * s.held_out_gain);
   };
   for (const Alternative& a : s.alternatives)
-    if (a.why == kExplainsLess && as_much(a) && e.aliases.size() < kMostAliases)
+    if (a.why == kExplainsLess && e.aliases.size() < kMostAliases &&
+        !std::count(e.aliases.begin(), e.aliases.end(), a.kind) && as_much(a))
       e.aliases.push_back(a.kind);
   return e;
 }

@@ -6,9 +6,9 @@
 
 namespace twinrate {
 
-// For member m of `fit`, as the selection judged it.
+// For member m of `fit`, as the selection judged it. `lag_is_open`: Conclusion::lag_is_open.
 TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected& selected,
-                           std::size_t m);
+                           std::size_t m, bool lag_is_open = false);
 // The same effect with the parameters of another fit of the same members.
 void take_parameters(const Fitter& fitter, const Fit& fit, std::size_t m, TracedEffect& e);
 

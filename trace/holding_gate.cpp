@@ -252,8 +252,8 @@ std::vector<double> speeds(const Sweep& s) {
     const auto at = static_cast<std::size_t>(mean.at);
     const std::size_t first = at - std::min(at, s.length),
                       last = std::min(at + s.length, log.size() - 1);
-    speeds.push_back(std::abs(log.theta_m[last] - log.theta_m[first]) /
-                     (log.t[last] - log.t[first]));
+    const double over_s = log.t[last] - log.t[first];  // 0: stamps of one time
+    speeds.push_back(over_s > 0 ? std::abs(log.theta_m[last] - log.theta_m[first]) / over_s : 0);
   }
   return speeds;
 }

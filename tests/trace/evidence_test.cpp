@@ -27,12 +27,12 @@ class Aliases : public ::testing::Test {
 
   // Of a claim with that gain, beside another kind.
   std::vector<std::string> of(double gain, const Alternative& other,
-                              double margin = Fitter::kMargin) {
+                              double margin = Fitter::kMargin, bool lag_is_open = false) {
     Fitter fitter = drive_.fitter();
     fitter.set_margin(margin);
     Selected selected{.without = fitter.start({}), .score_gain = gain, .held_out_gain = 0.99};
-    selected.alternatives = {other};
-    return traced_effect(fitter, fitter.refine(cogging_17()), selected, 0).aliases;
+    selected.alternatives = {other, other};  // delay and filter are one kind
+    return traced_effect(fitter, fitter.refine(cogging_17()), selected, 0, lag_is_open).aliases;
   }
   static Alternative other(double score_gain, double held_out_gain = 0.5) {
     return {"flux_harmonics", score_gain, held_out_gain, kExplainsLess, 3};
@@ -63,6 +63,20 @@ TEST_F(Aliases, InAFaultyModelAreThoseThatExplainTheSameEnergy) {
   drive_.scale_noise(0.5);
   EXPECT_EQ(of(50000, other(48000, 0.985)).size(), 1u);
   EXPECT_TRUE(of(50000, other(48000, 0.975)).empty());
+}
+
+TEST_F(Aliases, ALagThatCannotBeTracedIsOneOfWhatItMostlyExplains) {
+  const auto alias = [&](const char* kind, double share, bool open) {
+    Alternative one = other(share * 50000);
+    one.kind = kind;
+    return of(50000, one, Fitter::kMargin, open).size();
+  };
+  for (const char* kind : {"signal_lag", "encoder_offset"}) {
+    EXPECT_EQ(alias(kind, 0.81, true), 1u) << kind;
+    EXPECT_EQ(alias(kind, 0.79, true), 0u) << kind;
+    EXPECT_EQ(alias(kind, 0.81, false), 0u) << kind;
+  }
+  EXPECT_EQ(alias("flux_harmonics", 0.81, true), 0u);
 }
 
 // A refinement that leaves the bounds of a kind is not reported; the fit where it began is.
