@@ -214,6 +214,7 @@ TEST(HoldingTorque, AFrictionThatFallsWithTheSpeedHasTwoNames) {
     EXPECT_EQ(r.verdict, fall > 0.1 ? "ambiguous" : "traced") << fall;
     EXPECT_EQ(r.effects[0].aliases.size(), fall > 0.1 ? 1u : 0u) << fall;
     if (fall < 0.1) continue;
+    ASSERT_FALSE(r.ambiguous.empty()) << r.sentence;
     EXPECT_EQ(r.ambiguous[0].why.find("the friction falls by 4"), 0u) << r.ambiguous[0].why;
     EXPECT_EQ(r.sentence.find("Ambiguous"), 0u) << r.sentence;
   }
