@@ -130,9 +130,12 @@ Selection Search::operator()(Fit found) {
   for (int round = 0; state.added && round < kMostRounds; ++round, ++rounds_) {
     renew_noise(round == 0);
     laps_("noise");
-    fit_ = select_one(fitter(), dictionary_.whitened, fit_.members, say_, state);
-    if (!state.added && !state.refused.members.empty())
-      state.added = helps_under_its_noise(std::move(state.refused));
+    Fit added = select_one(fitter(), dictionary_.whitened, fit_.members, say_, state);
+    if (!state.added) fit_ = std::move(added);
+    if (!state.refused.members.empty() && helps_under_its_noise(std::move(state.refused)))
+      state.added = true;
+    else if (state.added)
+      fit_ = std::move(added);
     noise_of_fit_ = problem_.seen().noise();
     laps_("selection");
   }

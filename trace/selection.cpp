@@ -65,7 +65,7 @@ class Selector {
     fit_ = without_superfluous(fitter_, std::move(fit_), say_);
     const bool added = fit_.members.size() < kMostMembers && add_one();
     if (added) fit_ = without_superfluous(fitter_, std::move(fit_), say_);
-    state = {added, gaps_left_, lines_left_, added ? Fit{} : std::move(refused_)};
+    state = {added, gaps_left_, lines_left_, std::move(refused_)};
     return std::move(fit_);
   }
 
@@ -155,7 +155,8 @@ class Selector {
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
       if (shaft && gain > 0 && !good && like_a_gap(fitter_, next, now)) overdamped = next;
-      if (!good && next.valid && gain > refused_gain) {
+      const bool noise_refuted = next.rss > 0 && next.rss_held_out <= 0;
+      if (!good && (next.valid || noise_refuted) && gain > refused_gain) {
         refused_gain = gain;
         refused = next;
       }
@@ -167,8 +168,8 @@ class Selector {
       }
     }
     if (best.members.empty()) best = std::move(overdamped);
-    if (best.members.empty() && refused_gain > kTwoMissing * fitter_.margin()) {
-      best = with_another(now, refused);
+    if (refused_gain > std::max(best_gain, kTwoMissing * fitter_.margin())) {
+      if (best.members.empty()) best = with_another(now, refused);
       refused_ = std::move(refused);
     }
     if (best.members.empty()) return false;

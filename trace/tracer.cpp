@@ -340,27 +340,46 @@ bool of_torque(const std::shared_ptr<Effect>& member) {
   return member->tracing().traits().equation == Traits::Equation::kMechanical;
 }
 
-// Frees the block of judging rows that contains a moment of a member: the other rows cannot date
-// it, all moments in the block are equally likely. The block then judges no more, and true is
-// returned. A whole file is never freed.
-bool free_moment(const Record& record, const Members& members, std::vector<char>& judging) {
-  constexpr double kMost = 0.5;  // of the judging rows: the others must suffice to judge
+// Frees the block of judging rows that may contain a moment of a member: the other rows cannot date
+// it in the block, where all moments are equally likely. The block then judges no more, and true is
+// returned. A whole file is never freed. `seen`: the chain of the other rows.
+bool free_moment(const Chain& seen, const Record& record, const Members& members,
+                 std::vector<char>& judging) {
+  constexpr double kMost = 0.5;     // of the judging rows: the others must suffice to judge
+  constexpr double kSurely = 10.8;  // rise of the error at a wrong moment, p = 0.001
   const auto n = static_cast<std::ptrdiff_t>(judging.size());
   const auto reach = static_cast<std::ptrdiff_t>(std::ceil(kReach_s / record.T_s));
-  for (const auto& member : members) {
-    if (!has_key(*member, "time_s")) continue;
-    const auto at = std::lower_bound(record.t.begin(), record.t.end(), get_key(*member, "time_s")) -
-                    record.t.begin();
-    std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, at - reach);
-    while (first < std::min(n, at + reach) && !judging[static_cast<std::size_t>(first)]) ++first;
-    if (first >= std::min(n, at + reach)) continue;
-    while (first > 0 && judging[static_cast<std::size_t>(first - 1)]) --first;
-    std::ptrdiff_t end = first;
-    while (end < n && judging[static_cast<std::size_t>(end)]) ++end;
-    const auto all = std::count(judging.begin(), judging.end(), char{1});
-    if (static_cast<double>(end - first) > kMost * static_cast<double>(all)) continue;
-    std::fill(judging.begin() + first, judging.begin() + end, char{0});
-    return true;
+  const auto judges = [&](std::ptrdiff_t k) { return judging[static_cast<std::size_t>(k)] != 0; };
+  const auto all = std::count(judging.begin(), judging.end(), char{1});
+  if (std::none_of(members.begin(), members.end(),
+                   [](const auto& member) { return has_key(*member, "time_s"); }))
+    return false;
+  const Rows none, every = Rows::where(seen.sampler(), [](std::size_t) { return true; });
+  const Fitter fitter(seen, every, none);
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    if (!has_key(*members[m], "time_s")) continue;
+    const auto at = std::min(
+        n - 1, std::lower_bound(record.t.begin(), record.t.end(), get_key(*members[m], "time_s")) -
+                   record.t.begin());
+    const double rss = fitter.start(members).rss;
+    for (const int way : {1, -1}) {
+      std::ptrdiff_t edge = at;
+      while (edge >= 0 && edge < n && !judges(edge)) edge += way;
+      if (edge < 0 || edge >= n) continue;
+      if (std::abs(edge - at) > reach) {
+        Members there = with(members, nullptr);
+        set_key(*there[m], "time_s", record.t[static_cast<std::size_t>(edge)]);
+        if (!there[m]->prepare(seen.equations().facts()).empty() ||
+            fitter.start(std::move(there)).rss > rss + kSurely)
+          continue;
+      }
+      std::ptrdiff_t first = edge, end = edge;
+      while (first > 0 && judges(first - 1)) --first;
+      while (end < n && judges(end)) ++end;
+      if (static_cast<double>(end - first) > kMost * static_cast<double>(all)) continue;
+      std::fill(judging.begin() + first, judging.begin() + end, char{0});
+      return true;
+    }
   }
   return false;
 }
@@ -392,7 +411,7 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
     const bool blocks_judge = std::none_of(settings_.files.begin(), settings_.files.end(),
                                            [](const SourceRows& file) { return file.held_out; });
     if (blocks_judge && freed_ < kMostFreed &&
-        free_moment(whole, f.selection.fit.members, judging)) {
+        free_moment(problem.seen(), whole, f.selection.fit.members, judging)) {
       ++freed_;
       return trace_rows(log, std::move(judging), given);
     }

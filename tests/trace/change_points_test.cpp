@@ -120,6 +120,32 @@ TEST(LoadStep, AmongRowsThatJudgeIsDatedByThem) {
   EXPECT_TRUE(std::count(r.judging.begin(), r.judging.end(), char{1}) > 0);
 }
 
+// A weak step shortly behind such a block: beside the noise of the counts its moment may be before
+// the block as well.
+TEST(LoadStep, BesideRowsThatMayContainItIsDatedByThem) {
+  constexpr double kStep_Nm = 0.15;
+  const auto record_with = [](double begin_s) {
+    return record_of(simulate_synthetic(
+        {.T_s = 2e-4,
+         .duration_s = 6,
+         .extra_load = [begin_s](double t, double, double) { return t < begin_s ? 0 : kStep_Nm; },
+         .counts = 1000}));
+  };
+  const Record plain = record_with(10);
+  const std::vector<char> judges =
+      held_out_rows(plain, TraceSettings{}.holdout, servo().machine.n_p);
+  const auto first = std::find(judges.begin() + 12000, judges.end(), char{1});
+  const auto end =
+      static_cast<std::size_t>(std::find(first, judges.end(), char{0}) - judges.begin());
+  const double begin_s = plain.t[end] + 0.012;
+  const TraceResult r = traced(record_with(begin_s));
+  EXPECT_EQ(r.verdict, "traced") << r.sentence;
+  const TracedEffect* e = find(r, "load_step");
+  ASSERT_TRUE(e) << r.sentence;
+  EXPECT_NEAR(get_key(*e->effect, "time_s"), begin_s, 0.01);
+  EXPECT_FALSE(r.judging[end - 1]);
+}
+
 // A fifth of a load that the log knows is missing: an error of that load, or of the torque constant.
 TEST(LoadStep, AtTheStepOfAKnownLoadIsNoClaim) {
   const Record plain = record_of(simulate_synthetic({.T_s = 2e-4, .duration_s = 6}));
