@@ -47,6 +47,15 @@ bool names_effects_alone(const TraceResult& r) {
          !r.interrupted;
 }
 
+// True if no claim was refused and the torque has a structure that remains: the meaning of the
+// voltage does not change it.
+bool leaves_torque_alone(const TraceResult& r) {
+  return r.verdict == "unexplained" && !r.interrupted && r.refused.empty() &&
+         !r.unexplained.empty() &&
+         std::all_of(r.unexplained.begin(), r.unexplained.end(),
+                     [](const Structure& s) { return s.equation == "mechanical"; });
+}
+
 // `r` with the uncertainty of its meaning; empty if an effect lacks a partner that it covers.
 std::optional<TraceResult> covering(TraceResult r, const TraceResult& other) {
   for (TracedEffect& e : r.effects) {
@@ -87,11 +96,17 @@ bool explains_alone(const TraceResult& one, const TraceResult& other) {
 }
 
 std::optional<TraceResult> shown_by_both(const TraceResult& first, const TraceResult& second) {
-  if (!names_effects_alone(first) || !names_effects_alone(second) || !acts_on_voltage(first) ||
+  const auto usable = [](const TraceResult& r) {
+    return names_effects_alone(r) || leaves_torque_alone(r);
+  };
+  if (!usable(first) || !usable(second) || !acts_on_voltage(first) ||
       first.effects.size() != second.effects.size())
     return std::nullopt;
-  if (auto r = covering(first, second)) return r;
-  return covering(second, first);
+  const bool first_leaves = leaves_torque_alone(first), second_leaves = leaves_torque_alone(second);
+  std::optional<TraceResult> r;
+  if (first_leaves || !second_leaves) r = covering(first, second);
+  if (!r && (second_leaves || !first_leaves)) r = covering(second, first);
+  return r;
 }
 
 }  // namespace twinrate

@@ -139,26 +139,10 @@ std::vector<double> order_power(const Eigen::VectorXd& y, const Runs& runs, cons
   return power;
 }
 
-// The highest order that passes the sampler's low-pass, with more than two samples a period, in at
-// least a twentieth of the rows.
-double highest_passed(const Chain& chain) {
-  constexpr double kBand = 0.4;  // of the outputs' rate
-  const Record& record = chain.equations().record();
-  std::vector<double> step;  // turns from row to row
-  for (std::size_t row : chain.sampler().torque().row)
-    if (row > 0 && row + 1 < record.size())
-      step.push_back(std::abs(record.theta_m[row + 1] - record.theta_m[row - 1]) / (2 * kTwoPi));
-  if (step.empty()) return 0;
-  const auto slow = step.begin() + static_cast<std::ptrdiff_t>(step.size() / 20);
-  std::nth_element(step.begin(), slow, step.end());
-  const double rate = kBand / chain.sampler().decimation();  // of a row's
-  return std::min(kMostWhole, rate / std::max(*slow, 1e-12));
-}
-
 // Adds every effect at its strongest whole order above its grid. Its neighbours carry much of its
 // power at changing speed, so the selection judges it, as it judges an order of the grid.
 void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>& lines) {
-  const double highest = highest_passed(chain);
+  const double highest = highest_order(chain);
   std::vector<double> power;
   for (const std::string& kind : chain.equations().considered().kinds()) {
     const std::shared_ptr<Effect> effect = make_effect(kind);
@@ -179,6 +163,21 @@ void add_whole_orders(const Chain& chain, const Fit& fit, std::vector<Candidate>
 }
 
 }  // namespace
+
+double highest_order(const Chain& chain) {
+  constexpr double kBand = 0.4;  // of the outputs' rate
+  const Record& record = chain.equations().record();
+  std::vector<double> step;  // turns from row to row
+  for (std::size_t row : chain.sampler().torque().row)
+    if (row > 0 && row + 1 < record.size())
+      step.push_back(std::abs(record.theta_m[row + 1] - record.theta_m[row - 1]) / (2 * kTwoPi));
+  if (step.empty()) return 0;
+  const auto slow = step.begin() + static_cast<std::ptrdiff_t>(step.size() / 20);
+  std::nth_element(step.begin(), slow, step.end());
+  const double rate = kBand / chain.sampler().decimation();  // of a row's
+  const double counts = kTwoPi / std::max(record.angle.lsb, 1e-12);
+  return std::min({kMostWhole, (counts - 1) / 2, rate / std::max(*slow, 1e-12)});
+}
 
 std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit) {
   std::vector<Candidate> lines;

@@ -10,4 +10,9 @@ namespace twinrate {
 // a whole order. Empty if no line exceeds the noise.
 std::vector<Candidate> strongest_lines(const Chain& chain, const Fit& fit);
 
+// The highest order that passes the sampler's low-pass, with more than two samples a period, in at
+// least a twentieth of the rows, and with more than two counts of the encoder a period: an order of
+// all counts is a constant at every reading.
+double highest_order(const Chain& chain);
+
 }  // namespace twinrate

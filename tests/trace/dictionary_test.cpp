@@ -5,6 +5,7 @@
 #include <sched.h>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "trace/lines.hpp"
 #include "trace/result.hpp"
 
 namespace twinrate::dictionary_test {
@@ -160,6 +161,20 @@ TEST(Candidates, HoldTheSixthHarmonicOfTheFlux) {
       EXPECT_EQ(std::count(key.grid.begin(), key.grid.end(), 12.0 * n_p), 1) << n_p;
     }
   }
+}
+
+TEST(Lines, AnOrderHasMoreThanTwoSamplesAndTwoCountsAPeriod) {
+  const auto highest = [](double speeds, int counts) {
+    const FittedDrive drive(
+        simulate_synthetic({.duration_s = 2, .counts = counts, .speeds = speeds}), {});
+    return highest_order(drive.chain());
+  };
+  EXPECT_EQ(highest(0.05, 1 << 20), 2000) << "the highest of all";
+  EXPECT_NEAR(highest(0.3, 1440), 719.5, 1e-6);
+  // Nineteen of twenty rows are faster than 3 rad/s, and the low-pass reaches to 400 Hz.
+  const double fast = highest(1, 1 << 20);
+  EXPECT_GT(fast, kTwoPi * 400 / 45);
+  EXPECT_LT(fast, 2000);
 }
 
 }  // namespace twinrate::dictionary_test

@@ -79,6 +79,23 @@ TEST(EitherMeaning, AKindIsIdentifiableIfBothSaySo) {
   EXPECT_EQ(r->not_identifiable.at(0).first, "inductance");
 }
 
+// It would be there with any voltage.
+TEST(EitherMeaning, AStructureOfTheTorqueStaysBesideTheEffectsOfTheVoltage) {
+  const TraceResult clean = of_voltage({resistance(0.2, 0.001)});
+  TraceResult torque = with_structure(0.1);
+  torque.unexplained[0].equation = "mechanical";
+  for (const auto& r : {shown_by_both(torque, torque), shown_by_both(torque, clean),
+                        shown_by_both(clean, torque)}) {
+    ASSERT_TRUE(r);
+    EXPECT_EQ(r->verdict, "unexplained");
+    EXPECT_EQ(r->effects.size(), 1u);
+  }
+  EXPECT_FALSE(explains_alone(torque, with_structure(0.5)));
+  TraceResult refused = torque;
+  refused.refused.push_back({.kind = "saturation"});
+  EXPECT_FALSE(shown_by_both(torque, refused));
+}
+
 // The noise of 0.1 V is subtracted from the errors.
 TEST(EitherMeaning, OneExplainsIfTheOtherLeavesMoreThanNoise) {
   const TraceResult one = of_voltage({resistance(0.2, 0.001)}, 0.101);
