@@ -130,12 +130,12 @@ Selection Search::operator()(Fit found) {
   for (int round = 0; state.added && round < kMostRounds; ++round, ++rounds_) {
     renew_noise(round == 0);
     laps_("noise");
-    Fit added = select_one(fitter(), dictionary_.whitened, fit_.members, say_, state);
-    if (!state.added) fit_ = std::move(added);
+    Fit selected = select_one(fitter(), dictionary_.whitened, fit_.members, say_, state);
+    if (!state.added) fit_ = selected;
     if (!state.refused.members.empty() && helps_under_its_noise(std::move(state.refused)))
       state.added = true;
     else if (state.added)
-      fit_ = std::move(added);
+      fit_ = std::move(selected);
     noise_of_fit_ = problem_.seen().noise();
     laps_("selection");
   }
