@@ -5,6 +5,7 @@
 #include <map>
 
 #include "model/effects/catalogue.hpp"
+#include "trace/doubts.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 
@@ -126,14 +127,16 @@ bool begins_at_an_edge(const Record& record, const Effect& effect) {
   return std::min(share, 1 - share) < kEdge;
 }
 
-// Where a lag may be present that is not traced, a kind that it explains by most of its gain may be
-// that lag. (A filter of 55 us in the currents of a log of every 20th tick was an inductance, of
-// which a lag explained 0.90.)
+// Share of the gain of a kind from which on another one may be it, where the data do not decide:
+// where a lag may be present that is not traced (a filter of 55 us in the currents of a log of every
+// 20th tick was an inductance, of which a lag explained 0.90), and where the rounding of the counts
+// repeats (a lag of the angle at constant speed was a saturation, of which it explained 0.92).
+constexpr double kMostly = 0.8;
+
 bool may_be_open_lag(const Alternative& a, double gain) {
-  constexpr double kMost = 0.8;
   const std::shared_ptr<Effect> other = make_effect(a.kind);
   return (is_of(*other, Traits::Family::kLag) || has_key(*other, "offset_rad")) &&
-         a.score_gain > kMost * gain;
+         a.score_gain > kMostly * gain;
 }
 
 }  // namespace
@@ -162,11 +165,14 @@ TracedEffect traced_effect(const Fitter& fitter, const Fit& fit, const Selected&
     return a.score_gain + std::log(N) * (a.parameters - s.parameters);
   };
   const bool faulty = is_faulty(rows, fit, e.equation);
-  const bool at_edge = begins_at_an_edge(fitter.chain().equations().record(), effect);
+  const Equations& equations = fitter.chain().equations();
+  const bool at_edge = begins_at_an_edge(equations.record(), effect);
+  const bool repeats = equations.record().angle.lsb > 0 && at_constant_speed(equations);
   const auto as_much = [&](const Alternative& a) {
     return near(explains(a), s.score_gain, fitter.margin() / Fitter::kMargin) ||
            (at_edge && explains(a) > kMostOfIt * s.score_gain) ||
            (lag_is_open && may_be_open_lag(a, s.score_gain)) ||
+           (repeats && explains(a) > kMostly * s.score_gain) ||
            (faulty && a.held_out_gain > (1 - kFaultyShare) * s.held_out_gain);
   };
   for (const Alternative& a : s.alternatives)

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "tests/trace/fitted_drive.hpp"
+#include "tests/trace/traced_drive.hpp"
 
 namespace twinrate::evidence_test {
 
@@ -92,6 +93,25 @@ TEST_F(Aliases, AFitThatIsNotRefinedHasItsDeviations) {
     return;
   }
   FAIL() << "no amplitude";
+}
+
+// At one speed and load a delay of the angle is an error of two voltages, which an inductance has as
+// well, and the rounding of the counts repeats: it decides nothing between them.
+TEST(AliasesAtConstantSpeed, WhatADelayOfTheAngleMostlyExplainsMayBeIt) {
+  constexpr double kLag_s = 0.77e-4, kCell = kTwoPi / 16384;
+  RawLog raw = simulate_synthetic({.duration_s = 3, .held = true, .counts = 1 << 26});
+  const std::vector<double> theta = raw.theta_m;
+  for (std::size_t k = 1; k < raw.size(); ++k) {
+    const double late = theta[k] - kLag_s / SyntheticDrive{}.T_s * wrap_pi(theta[k] - theta[k - 1]);
+    raw.theta_m[k] = kCell * std::floor(late / kCell);
+  }
+  const TraceResult r = trace_of(raw);
+  ASSERT_EQ(r.effects.size(), 1u) << r.sentence;
+  EXPECT_EQ(r.verdict, "ambiguous") << r.sentence;
+  Names group = r.effects[0].aliases;
+  group.emplace_back(r.effects[0].effect->kind());
+  for (const char* kind : {"signal_lag", "encoder_offset", "inductance"})
+    EXPECT_EQ(std::count(group.begin(), group.end(), kind), 1) << kind;
 }
 
 }  // namespace twinrate::evidence_test
