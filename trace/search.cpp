@@ -105,8 +105,9 @@ void Search::renew_noise(bool first) {
 
 // The noise model contains what an effect leaves that is missing, and weighs the equations by it: a
 // saturation whose part in the d voltage counted as noise was 5 % too weak by the q voltage, and
-// refused for its held-out error. So a large gain is asked once more beside the noise that the
-// newcomer leaves.
+// refused for its held-out error. Of an inductance more noise was subtracted than the held-out rows
+// have, and a saturation of a smaller gain was added in its place. So a large gain is asked once
+// more beside the noise that the newcomer leaves.
 bool Search::helps_under_its_noise(Fit refused) {
   Fit without = std::exchange(fit_, std::move(refused));
   renew_noise(true);

@@ -155,8 +155,8 @@ class Selector {
                          describe(*s.effect), describe(*next.members.back()), s.gain, gain,
                          now.rss_held_out, next.rss_held_out, good ? "" : " (refused)"));
       if (shaft && gain > 0 && !good && like_a_gap(fitter_, next, now)) overdamped = next;
-      const bool noise_refuted = next.rss > 0 && next.rss_held_out <= 0;
-      if (!good && (next.valid || noise_refuted) && gain > refused_gain) {
+      const bool less_than_noise = next.rss > 0 && next.rss_held_out <= 0;
+      if (!good && (next.valid || less_than_noise) && gain > refused_gain) {
         refused_gain = gain;
         refused = next;
       }

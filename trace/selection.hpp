@@ -46,8 +46,8 @@ struct RoundState {
   bool added = true;   // the last round added an effect
   int gaps_left = 2;   // remaining searches for a gap, each of which is long
   int lines_left = 2;  // remaining searches for a shaft that appears as a line
-  // With the candidate of the largest gain that was refused, if nothing was added. Empty unless that
-  // gain is kTwoMissing margins.
+  // With the candidate of the largest gain that was refused. Empty unless that gain is kTwoMissing
+  // margins, and larger than that of the added effect.
   Fit refused = {};
 };
 // Drops the members that are not needed and adds the best candidate if it is acceptable.
