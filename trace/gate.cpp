@@ -403,16 +403,8 @@ std::optional<Refused> Gate::whole_refusal(const Asked& asked, std::size_t& weak
         weakest = m;
     if (weakest == kNobody) continue;
     const auto was = file_sums(declared, torque), is = file_sums(asked.with, torque);
-    std::map<int, double> louder;  // the angle without its lag
-    if (torque && !acting_on(asked.fit.effects(), kOnAngle).empty()) {
-      judging.add_energy({.torque = asked.with.noise_torque}, &Sampled::torque, louder);
-      std::map<int, double> quieter;
-      judging.add_energy({.torque = declared.noise_torque}, &Sampled::torque, quieter);
-      for (auto& [file, noise] : louder) noise = std::max(0., noise - quieter[file]);
-    }
     for (const auto& [file, before] : was)
-      if (const double change = (is.at(file) - louder[file]) / before - 1;
-          change > criterion_.silent)
+      if (const double change = is.at(file) / before - 1; change > criterion_.silent)
         return Refused{
             .kind = std::string(asked.fit.members[weakest]->kind()),
             .rule = "whole",

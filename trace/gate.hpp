@@ -39,9 +39,8 @@
 //   sign       of a torque: the log shows the sign of the motor's own (trace/consistency.hpp)
 //   slip       no slip of the user explains its equation as well (trace/slips.hpp)
 //   whole      all accepted claims together lower the error in each file and equation on which they
-//              act. Beside a claim that acts on the angle, the rise of the angle's drawn noise is no
-//              rise of the torque's error. Where more than 1.5 times the noise floor of the voltage
-//              is left, the weakest claim explains a tenth of that error's energy above the floor
+//              act. Where more than 1.5 times the noise floor of the voltage is left, the weakest
+//              claim explains a tenth of that error's energy above the floor
 // Whether they also predict better than "nothing changes" is reported but is no condition: at
 // constant speed and current nothing changes from row to row, and the best model predicts no
 // better.
