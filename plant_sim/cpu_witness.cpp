@@ -13,6 +13,7 @@ namespace twinrate {
 
 CpuWitness::CpuWitness(int cpu, int priority) : noted_ns_(host_now_ns()) {
   thread_ = std::thread([this, cpu, priority] { note(cpu, priority); });
+  ready_.wait();
 }
 
 CpuWitness::~CpuWitness() {
@@ -21,11 +22,14 @@ CpuWitness::~CpuWitness() {
 }
 
 void CpuWitness::note(int cpu, int priority) {
-  pin_to_cpu(cpu);
   sched_param param{};
   if (has_realtime_policy()) sched_getparam(0, &param);  // started with one (chrt), as the watched
   param.sched_priority = std::max(priority, param.sched_priority) + 1;
+  // On that CPU a thread of normal priority would wait for ever beside a watched process that spins.
   if (param.sched_priority > 1) sched_setscheduler(0, SCHED_FIFO, &param);
+  pin_to_cpu(cpu);
+  noted_ns_ = host_now_ns();
+  ready_.count_down();
   while (!ends_) {
     noted_ns_ = host_now_ns();
     std::this_thread::sleep_for(std::chrono::nanoseconds(StoodTime::kPeriod_ns));

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <latch>
 #include <thread>
 
 namespace twinrate {
@@ -50,6 +51,7 @@ class CpuWitness {
  public:
   // `priority`: of the watched process (SCHED_FIFO; 0: the normal scheduler). The thread has one
   // more, so a watched process that spins does not keep the CPU from it, and is found silent.
+  // Returns when the thread runs on that CPU.
   CpuWitness(int cpu, int priority);
   ~CpuWitness();
   CpuWitness(const CpuWitness&) = delete;
@@ -64,6 +66,7 @@ class CpuWitness {
   StoodTime stood_;
   std::atomic<std::int64_t> noted_ns_;
   std::atomic<bool> ends_ = false;
+  std::latch ready_{1};
   std::thread thread_;
 };
 

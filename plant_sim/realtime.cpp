@@ -5,7 +5,7 @@
 #include <time.h>
 
 #include <algorithm>
-#include <optional>
+#include <memory>
 
 #include "core/realtime_setup.hpp"
 #include "core/signals_io.hpp"
@@ -70,11 +70,8 @@ class RealtimePlant {
         period_ns_(p.drive().t_ns(1)),
         awake_ns_(has_realtime_policy() ? std::min<std::int64_t>(50'000, period_ns_ / 4) : 0),
         supervisor_s_(1e-3 * p.config().read<SafetyParameters>().supervisor_ms),
-        clock_(now_ns() + 20 * period_ns_, period_ns_) {
-    if (p.options().helper_cpu >= 0)
-      witness_.emplace(p.options().helper_cpu,
-                       fifo_priority(p.config().read<RealtimeParameters>(), Role::kSupervisor));
-  }
+        witness_(witness_of(p)),
+        clock_(now_ns() + 20 * period_ns_, period_ns_) {}
   void run(std::int64_t steps) {
     last_ = thread_.now();
     for (std::int64_t k = 0; k < steps && !p_.stopping(); ++k) tick(k);
@@ -112,6 +109,12 @@ class RealtimePlant {
       p_.event(Reason::kOverrun, k, stalled ? text + stall_text(clock_.count()) : text);
     p_.clock_stood(begin.stood_ns);
   }
+  static std::unique_ptr<CpuWitness> witness_of(Process& p) {
+    if (p.options().helper_cpu < 0) return nullptr;
+    return std::make_unique<CpuWitness>(
+        p.options().helper_cpu,
+        fifo_priority(p.config().read<RealtimeParameters>(), Role::kSupervisor));
+  }
   // After 1 s of silence every process ends in any case.
   void watch_supervisor(std::int64_t k) {
     constexpr double kTold_s = 0.02;  // less is near the slack of the witness
@@ -140,7 +143,7 @@ class RealtimePlant {
   Plant& plant_;
   std::int64_t period_ns_, awake_ns_;
   double supervisor_s_;
-  std::optional<CpuWitness> witness_;  // of the supervisor's CPU
+  std::unique_ptr<CpuWitness> witness_;  // of the supervisor's CPU
   AwakeSilence silence_;
   PlantClock clock_;
   ThreadClock thread_;
