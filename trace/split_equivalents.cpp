@@ -12,6 +12,9 @@ namespace {
 
 constexpr double kSlope = 0.05;  // of R_s: the slope of switches is smaller
 constexpr double kKnown = 3;     // sigmas that a slope, or a part beyond the common one, needs
+// Sigmas that a common part needs beside different phases. By design above kKnown: it is the smallest
+// of three changes, and what the model still lacks moves all three.
+constexpr double kCommon = 5;
 
 std::map<std::string, double> sigmas_of(const TracedEffect& traced) {
   std::map<std::string, double> sigmas;
@@ -72,6 +75,7 @@ std::vector<TracedEffect> split_asymmetry(TracedEffect whole, const Traits::Read
                              std::abs(beyond) >= kKnown * std::hypot(sigma->second, of_least)));
   }
   if (!known) return {std::move(same)};
+  if (std::abs(common) < kCommon * of_least) return {std::move(whole)};
   return {in_place_of(whole, rest, sigmas, facts), std::move(same)};
 }
 

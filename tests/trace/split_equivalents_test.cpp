@@ -44,6 +44,12 @@ TEST(SplitEquivalents, WhatAllPhasesShareIsAResistance) {
   EXPECT_NEAR(*parts[1].parameters[0].sigma, 0.0015, 1e-12);
   EXPECT_NEAR(get_key(*parts[0].effect, "change_a_Ohm"), 0.29, 1e-12);
   expect_same(*both.effect, parts);
+  // A common part of few deviations is not named: the three changes contain it.
+  for (double deviations : {4.0, 6.0}) {
+    TracedEffect unsure = both;
+    unsure.parameters[2].sigma = 0.15 / deviations;
+    EXPECT_EQ(split_equivalents(unsure, facts).size(), deviations < 5 ? 1u : 2u) << deviations;
+  }
   // One phase alone, or a common part below the smallest size to report, is not split.
   for (double c : {-0.002, 0.002})
     EXPECT_EQ(split_equivalents(
