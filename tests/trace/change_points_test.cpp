@@ -196,7 +196,7 @@ TEST(ChangePoints, AFileWithAnotherZeroIsThatFilesOffset) {
   for (const char* name : {"a.csv", "b.csv", "c.csv"}) {
     const bool other = name[0] == 'b';
     RawLog raw = simulate_synthetic(
-        {.T_s = 2e-4,
+        {.T_s = 4e-4,
          .duration_s = 2,
          .extra_load = [](double, double theta, double) { return cogging(theta); },
          .offset_theta = other ? 0.03 : 0});
