@@ -7,6 +7,7 @@
 
 #include "loop/bandwidths.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "loop/trial_run.hpp"
 #include "model/frames.hpp"
 #include "model/per_unit.hpp"
@@ -24,9 +25,9 @@ constexpr double kSpeedShare = 0.5, kVoltageShare = 0.7, kLoadShare = 0.3, kAcce
 // Noise of a phase-current sample, rms, relative to the rated current: the presets have 0.1 to
 // 1.6 %.
 constexpr double kNoiseShare = 0.005;
-// A wrong inertia can make the ramp longer; this limit keeps the run within the range of a drive
+// A wrong inertia can make start and ramp longer; this limit keeps the run within the range of a drive
 // file.
-constexpr double kLongestRamp_s = 1000;
+constexpr double kLongestRamp_s = 1000, kShortestStart_s = 1;
 constexpr double kSettle_s = 0.5, kLoaded_s = 0.5, kLoadRise_s = 0.2;
 
 double control_rate(const MachineParameters& m) {
@@ -92,12 +93,13 @@ std::string machine_table(const MachineParameters& m) {
 }
 
 // With an encoder the controller uses its angle; without one the drive starts with an alignment.
-// `bandwidths`: those of foc; empty: those of scaled_tuning.
+// `bandwidths`: those of foc; empty: those of scaled_tuning. `start_s`: until the hand-over to the
+// estimate, after which the speed follows the ramp.
 std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s,
-                    const std::string& bandwidths) {
+                    const std::string& bandwidths, double start_s) {
   const FirstRun run = first_run(s);
   const bool sensed = s.encoder_counts > 0;
-  const double begin = run.ramp_s + kSettle_s + (sensed ? 0 : 1);
+  const double begin = start_s + run.ramp_s + kSettle_s;
   std::string text = comments(s) + fmt::format("name = \"{}\"\nstart = \"{}\"\n", name,
                                                sensed ? "aligned" : "align_if");
   text += machine_table(s.machine) + fmt::format("\n[inverter]\nv_dc_V = {:.6g}\n", s.v_dc);
@@ -117,10 +119,10 @@ std::string toml_of(const std::string& name, const MachineOfSheet& s, double f_s
                             begin + kLoaded_s, begin - kSettle_s / 2);
 }
 
-Bandwidths bandwidths_of(const std::string& toml, const std::string& name) {
+Config config_of(const std::string& toml, const std::string& name) {
   Config config = Config::parse(toml, name + ".toml");
   read_all_tables(config);
-  return suggest_bandwidths(config);
+  return config;
 }
 
 }  // namespace
@@ -131,11 +133,14 @@ DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet) {
       "i_noise_rms_A = {:.3g}: {:g} % of the rated current; no ADC step, dead time or device drop",
       kNoiseShare * s.machine.i_rated, 100 * kNoiseShare));
   const double f_s = control_rate(s.machine);
-  const Bandwidths b = bandwidths_of(toml_of(name, s, f_s, ""), name);
+  Config draft = config_of(toml_of(name, s, f_s, "", 0), name);
+  const Bandwidths b = suggest_bandwidths(draft);
+  const double start_s =
+      s.encoder_counts > 0 ? 0 : std::clamp(start_takes_s(draft), kShortestStart_s, kLongestRamp_s);
   const std::string loops = fmt::format(
       "\n[controller.foc]\ncurrent_bandwidth_Hz = {:.4g}\nspeed_bandwidth_Hz = {:.4g}\n",
       b.current_Hz, b.speed_Hz);
-  DriveOfSheet drive{.toml = toml_of(name, s, f_s, loops),
+  DriveOfSheet drive{.toml = toml_of(name, s, f_s, loops, start_s),
                      .conversions = s.conversions,
                      .assumed = s.assumed,
                      .doubts = s.doubts,
@@ -143,8 +148,11 @@ DriveOfSheet drive_of_sheet(const std::string& name, const Sheet& sheet) {
                      .warnings = {}};
   drive.derived.push_back(fmt::format(
       "bandwidths                current {:.4g} Hz, speed {:.4g} Hz", b.current_Hz, b.speed_Hz));
-  Config config = Config::parse(drive.toml, name + ".toml");
-  read_all_tables(config);
+  if (s.encoder_counts == 0)
+    drive.derived.push_back(
+        fmt::format("start                     {:.3g} s: alignment and ramp until the hand-over",
+                    start_takes_s(draft)));
+  Config config = config_of(drive.toml, name);
   drive.warnings = check_by_trial(config, Trial::kAlways);
   return drive;
 }

@@ -8,6 +8,7 @@
 #include "datasheet/drive_of_sheet.hpp"
 #include "loop/closed_loop.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "tests/datasheet/sheets.hpp"
 #include "tests/loop/closed_loop.hpp"
 
@@ -227,6 +228,21 @@ TEST(Datasheet, TheDriveFileHoldsItsMotorInStep) {
               0.1);
     EXPECT_GT(tick->truth.T_load, 0.3);
   }
+}
+
+TEST(Datasheet, TheFirstRunLoadsASensorlessMotorAfterItsHandOver) {
+  // A flywheel of 100 times the rotor's inertia: alignment and ramp take 21 s.
+  const DriveOfSheet made = drive_of_sheet(
+      "flywheel", read_sheet({"poles=14", "kv_rpm_V=150", "r_phase_Ohm=0.039", "l_phase_H=24e-6",
+                              "inertia_gcm2=250000", "rated_current_A_peak=30", "v_dc_V=24"}));
+  EXPECT_TRUE(made.warnings.empty());
+  Config config = Config::parse(made.toml, "flywheel.toml");
+  read_all_tables(config);
+  const DriveConfig& drive = config.drive();
+  const double hand_over_s = start_takes_s(config);
+  EXPECT_GT(hand_over_s, 20);
+  EXPECT_GT(drive.load.T_load_Nm.steps().at(1).t_s, hand_over_s);
+  EXPECT_GT(drive.run.settle_s, hand_over_s);
 }
 
 TEST(KnownSheets, EachBecomesADriveFileWithoutAWarningThatHoldsItsMotorInStep) {
