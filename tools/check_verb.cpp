@@ -12,6 +12,7 @@
 #include "loop/demand.hpp"
 #include "loop/drive_schema.hpp"
 #include "loop/load_drive.hpp"
+#include "loop/runnable.hpp"
 #include "loop/trial_run.hpp"
 #include "tools/verb.hpp"
 
@@ -49,8 +50,12 @@ void print_summary(Config& config, const std::vector<std::string>& warnings,
   fmt::print("  load        {:.4g} Nm: ", demand.T_load);
   if (demand.at_mtpa) fmt::print("i_d {:.4g} A, ", demand.i_dq[0]);
   fmt::print("i_q {:.4g} A\n", demand.i_dq[1]);
-  fmt::print("  run         {} s = {} ticks, figures from {} s, seed {}\n", d.run.duration_s,
-             d.steps(), d.run.settle_s, d.run.seed);
+  const double hand_over_s = start_takes_s(config);
+  const std::string window = hand_over_s > d.run.settle_s
+                                 ? fmt::format("the hand-over on (about {:.3g} s)", hand_over_s)
+                                 : fmt::format("{} s", d.run.settle_s);
+  fmt::print("  run         {} s = {} ticks, figures from {}, seed {}\n", d.run.duration_s,
+             d.steps(), window, d.run.seed);
   for (const auto& [effect, used_in, from_s, known_from_s, known_to_s] : d.effects)
     fmt::print("  effect      {} ({}{}{}{})\n", effect->kind(),
                kUsedInNames[static_cast<int>(used_in)],

@@ -145,5 +145,22 @@ TEST(DesignForN, PrintsTheWeightsOfTheBandwidthsThatItNames) {
   EXPECT_NEAR(Q_integral / named["d"]["Q"][1].get<double>(), 1, 2e-3);
 }
 
+TEST_F(NominalRun, CheckPrintsTheWindowOfTheFigures) {
+  const std::vector<std::string> sets = {"--set", "start=\"align_if\"", "--set",
+                                         "run.duration_s=2"};
+  const auto with_sets = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), sets.begin(), sets.end());
+    return twinrate(arguments).out;
+  };
+  const std::string printed = with_sets({"check", "kim-ipmsm"}),
+                    ran = with_sets({"simulate", "kim-ipmsm", "--run-dir", path("run")});
+  // settle_s = 0.3 is before the hand-over.
+  const std::string before = "figures from the hand-over on (about ", after = "figures from ";
+  ASSERT_NE(printed.find(before), std::string::npos) << printed;
+  const double expected = std::stod(printed.substr(printed.find(before) + before.size())),
+               used = std::stod(ran.substr(ran.find(after) + after.size()));
+  EXPECT_NEAR(used, expected, 0.1);
+}
+
 }  // namespace
 }  // namespace twinrate::test
