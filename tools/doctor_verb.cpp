@@ -132,19 +132,23 @@ int run_doctor(const DoctorOptions& options) {
            works ? "" : multicast_mend()},
           options.json);
   }
-  Severity worst = Severity::kOk;
+  bool runs = true, mendable = true;
   for (const Finding& finding : examine(options)) {
     print(finding, options.json);
-    worst = std::max(worst, finding.severity);
+    if (finding.severity != Severity::kFail) continue;
+    runs = false;
+    mendable = mendable && (finding.check == "loopback" || finding.check == "multicast");
   }
-  const bool runs = worst != Severity::kFail;
+  const bool mends = !runs && mendable;
   if (options.json)
-    std::cout << nlohmann::ordered_json{{"launch_can_run", runs}}.dump() << "\n";
+    std::cout
+        << nlohmann::ordered_json{{"launch_can_run", runs}, {"launch_tries_to_mend", mends}}.dump()
+        << "\n";
   else
-    fmt::print(
-        "{}\n",
-        runs ? "launch can run here"
-             : "launch cannot run here as it is; at its start it tries the same as doctor --mend");
+    fmt::print("{}\n", runs    ? "launch can run here"
+                       : mends ? "launch cannot run here as it is; at its start it tries the same "
+                                 "as doctor --mend"
+                               : "launch cannot run here");
   return runs ? 0 : 3;
 }
 

@@ -26,6 +26,10 @@ class Multicast : public ProgramTest {
 
 TEST_F(Multicast, LaunchAddsARouteIfPermitted) {
   ASSERT_FALSE(multicast_route_exists(kDefaultMulticastAddress));
+  const ProgramResult doctor = twinrate({"doctor", "--json"});
+  EXPECT_EQ(doctor.exit_code, 3);
+  EXPECT_TRUE(doctor.out.ends_with("{\"launch_can_run\":false,\"launch_tries_to_mend\":true}\n"))
+      << doctor.out;
   const ProgramResult result =
       twinrate({"launch", "dilys2021", "--run-dir", path("run"), "--duration", "0.1s"});
   EXPECT_EQ(result.exit_code, 0) << result.err;
