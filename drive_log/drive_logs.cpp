@@ -12,6 +12,7 @@
 #include "drive_log/same_readings.hpp"
 #include "import/drive_rows.hpp"
 #include "trace/blocks.hpp"
+#include "trace/consistency.hpp"
 #include "trace/health_scan.hpp"
 
 namespace twinrate {
@@ -236,6 +237,7 @@ void Reader::note_sensors(const Record& log) {
 void Reader::add(Scanned& log, std::size_t max_rows) {
   const std::size_t first = result_.record.size();
   double offset = 0;
+  std::vector<Inconsistency> inconsistent;
   try {
     Record own;
     if (max_rows < log.health.rows) {
@@ -246,13 +248,16 @@ void Reader::add(Scanned& log, std::size_t max_rows) {
     }
     log.raw = {};
     note_sensors(own);
+    if (logs_.size() > 1)
+      inconsistent =
+          inconsistencies_of_file(own, log.health, drive_.facts(), drive_.sensors.encoder_counts);
     result_.record.append(own);
     offset = result_.record.t[first] - own.t.front();
   } catch (const std::runtime_error& error) {
     throw BadInput(error.what());
   }
-  result_.files.push_back(
-      {log.path, log.held_out, log.health, first, result_.record.size(), offset});
+  result_.files.push_back({log.path, log.held_out, log.health, first, result_.record.size(), offset,
+                           std::move(inconsistent)});
 }
 
 }  // namespace

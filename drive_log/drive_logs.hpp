@@ -12,6 +12,7 @@
 
 #include "core/drive_config.hpp"
 #include "trace/health.hpp"
+#include "trace/result.hpp"
 
 namespace twinrate {
 
@@ -29,6 +30,8 @@ struct DriveLog {
   Health health;
   std::size_t first = 0, end = 0;
   double time_offset_s = 0;  // time in the record less time in the file (Record::append)
+  // With the drive file. Empty for a file that is alone: the trace itself checks its record.
+  std::vector<Inconsistency> inconsistent = {};
 };
 
 struct DriveLogs {

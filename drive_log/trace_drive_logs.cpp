@@ -4,6 +4,7 @@
 
 #include "drive_log/moments.hpp"
 #include "trace/change_points.hpp"
+#include "trace/consistency.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {
@@ -32,13 +33,20 @@ void note_common_offset(const Record& record, TraceResult& result) {
 TraceResult trace_drive_logs(const DriveLogs& logs, const std::vector<char>& held_out,
                              const DriveConfig& drive, const TraceSettings& settings) {
   TraceSettings of_files = settings;
+  std::vector<Inconsistency> inconsistent;
   for (const DriveLog& file : logs.files) {
+    inconsistent.insert(inconsistent.end(), file.inconsistent.begin(), file.inconsistent.end());
     of_files.files.push_back({file.path, file.first, file.end, file.held_out, file.time_offset_s});
     if (file.held_out) of_files.fit_judging_rows = false;
   }
-  TraceResult result = trace_with_changes(logs.record, drive, logs.health, of_files, held_out);
-  find_moments(logs, drive, result);
-  note_common_offset(logs.record, result);
+  TraceResult result;
+  if (inconsistent.empty()) {
+    result = trace_with_changes(logs.record, drive, logs.health, of_files, held_out);
+    find_moments(logs, drive, result);
+    note_common_offset(logs.record, result);
+  } else {
+    result = inconsistent_result(std::move(inconsistent), logs.health);
+  }
   for (const DriveLog& file : logs.files)
     (file.held_out ? result.held_out_sources : result.sources).push_back(file.path);
   result.health.insert(result.health.end(), logs.notes.begin(), logs.notes.end());

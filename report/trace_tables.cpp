@@ -230,7 +230,8 @@ Json refused_table(const TraceResult& r) {
 Json inconsistent_table(const TraceResult& r) {
   Json rows = Json::array();
   for (const Inconsistency& x : r.inconsistent)
-    rows.push_back({x.quantity, x.expected, x.found, x.hint});
+    rows.push_back(
+        {x.file.empty() ? x.quantity : x.quantity + " of " + x.file, x.expected, x.found, x.hint});
   return {{"head", {"quantity", "expected", "found", "may be"}}, {"rows", rows}};
 }
 

@@ -121,7 +121,8 @@ void print_result(const TraceResult& r, const std::string& out) {
   for (const Ambiguity& a : r.ambiguous)
     fmt::print("  aliases: {}; to separate them: {}\n", fmt::join(a.kinds, ", "), a.would_separate);
   for (const Inconsistency& x : r.inconsistent)
-    fmt::print("  {}: expected {}, found {}; {}\n", x.quantity, x.expected, x.found, x.hint);
+    fmt::print("  {}{}{}: expected {}, found {}; {}\n", x.quantity, x.file.empty() ? "" : " of ",
+               x.file, x.expected, x.found, x.hint);
   for (const FileError& f : r.files)
     fmt::print("  {} {}: {:.4g} -> {:.4g} {}{}\n", f.held_out ? "hold-out" : "fitted", f.path,
                f.before, f.after, f.unit,

@@ -213,12 +213,21 @@ std::string inconsistency_in_words(const Inconsistency& i) {
                      i.found, i.hint);
 }
 
+std::vector<Inconsistency> inconsistencies_of_file(const Record& record, const Health& health,
+                                                   const DriveFacts& facts, int encoder_counts) {
+  if (!health.blind.empty()) return {};
+  auto found = inconsistencies(record, health, facts, encoder_counts);
+  if (!hidden_turns(record, health, facts, found).empty()) return {};
+  for (Inconsistency& x : found) x.file = record.source;
+  return found;
+}
+
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health) {
   TraceResult r;
   r.verdict = "inconsistent";
-  r.sentence =
-      fmt::format("The log and the drive file do not belong together: {}. No effect is traced.",
-                  inconsistency_in_words(found.front()));
+  const std::string& file = found.front().file;
+  r.sentence = fmt::format("{} and the drive file do not belong together: {}. No effect is traced.",
+                           file.empty() ? "The log" : file, inconsistency_in_words(found.front()));
   r.health = health.lines();
   r.inconsistent = std::move(found);
   return r;

@@ -35,6 +35,9 @@ std::optional<Inconsistency> far_current(std::vector<double> sizes, const DriveF
 std::string sign_in_doubt(const Record& record, const DriveFacts& facts);
 // One of them as a message: quantity, expected, found, hint.
 std::string inconsistency_in_words(const Inconsistency& inconsistency);
+// Those of one of several logs, with its name; none where hidden turns may be their reason.
+std::vector<Inconsistency> inconsistencies_of_file(const Record& record, const Health& health,
+                                                   const DriveFacts& facts, int encoder_counts);
 // The result of a trace that ends at this check: verdict and sentence, no effect.
 TraceResult inconsistent_result(std::vector<Inconsistency> found, const Health& health);
 

@@ -280,8 +280,9 @@ TraceResult trace_positions(const std::vector<PositionLog>& logs, const DriveFac
   for (const PositionLog& log : logs) {
     std::vector<double> sizes;
     for (const double i_q : log.i_q) sizes.push_back(std::abs(i_q));
-    const std::optional<Inconsistency> far = far_current(std::move(sizes), facts);
+    std::optional<Inconsistency> far = far_current(std::move(sizes), facts);
     if (!far) continue;
+    if (logs.size() > 1) far->file = log.path;
     TraceResult r = inconsistent_result({*far}, {});
     for (const PositionLog& read : logs)
       (read.held_out ? r.held_out_sources : r.sources).push_back(read.path);

@@ -68,7 +68,8 @@ std::vector<Inconsistency> of_readings(const Record& record, const DriveFacts& f
   const bool by_voltage =
       has_voltage && (as_it_is.cell_share < kFrameFails || turned_by_half(as_it_is) ||
                       as_it_is.emf_share > kMuchEmf || beyond(as_it_is).of_machine());
-  const bool by_torque = as_it_is.torque_share < (has_voltage ? kFrameFits : kMoves);
+  const bool by_torque =
+      as_it_is.torque.cells > 0 && as_it_is.torque_share < (has_voltage ? kFrameFits : kMoves);
   if (!by_voltage && !by_torque) return {};
   struct Best {
     const OtherReading* reading = nullptr;

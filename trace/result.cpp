@@ -155,8 +155,11 @@ json refused_json(const std::vector<Refused>& refused) {
 json inconsistent_json(const std::vector<Inconsistency>& inconsistent) {
   json list = json::array();
   for (const Inconsistency& x : inconsistent)
-    list.push_back(
-        {{"quantity", x.quantity}, {"expected", x.expected}, {"found", x.found}, {"hint", x.hint}});
+    list.push_back({{"quantity", x.quantity},
+                    {"expected", x.expected},
+                    {"found", x.found},
+                    {"hint", x.hint},
+                    {"file", x.file}});
   return list;
 }
 

@@ -60,6 +60,7 @@ struct Inconsistency {
   std::string quantity;         // a column, or a parameter of the machine
   std::string expected, found;  // ranges in words, with units
   std::string hint;             // the possible cause, as a question
+  std::string file = {};        // of several, the one that does not belong; empty: all, or one
 };
 
 // A claim that did not pass the gate (trace/gate.hpp).

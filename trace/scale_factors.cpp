@@ -257,6 +257,8 @@ std::size_t torque_reach(const Record& record, const ReadLog& log) {
   const auto rms = [&](std::size_t reach, int differences) {
     double sum = 0, count = 0;
     for (std::size_t k = 2 * reach; k + 2 * reach < record.size(); k += reach) {
+      const double span = record.t[k + 2 * reach] - record.t[k - 2 * reach];
+      if (span > (4 * static_cast<double>(reach) + 0.5) * record.T_s) continue;  // the next file
       const double second = log.theta_m(k + reach) - 2 * log.theta_m(k) + log.theta_m(k - reach);
       const double third = log.theta_m(k + 2 * reach) - 2 * log.theta_m(k + reach) +
                            2 * log.theta_m(k - reach) - log.theta_m(k - 2 * reach);

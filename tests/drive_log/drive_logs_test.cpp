@@ -18,6 +18,7 @@
 #include "drive_log/measured_files.hpp"
 #include "drive_log/moments.hpp"
 #include "drive_log/same_readings.hpp"
+#include "drive_log/trace_drive_logs.hpp"
 #include "import/import_log.hpp"
 #include "import/whole_log.hpp"
 #include "model/effects/effect.hpp"
@@ -429,6 +430,37 @@ TEST(SameReadings, ARunAtRestHasNotTheReadingsOfAnother) {
 }
 
 // A copy under another name judges with the rows that were fitted.
+// The scales of both files together fit no unit.
+TEST_F(DriveLogsTest, AFileInAnotherUnitIsNamed) {
+  const RawLog all = raw_;
+  const auto part = [&](std::size_t first) {
+    raw_ = all;
+    raw_.drop_first(first);
+    for (const RawColumn& column : raw_columns())
+      if (auto& values = raw_.*column.values; !values.empty()) values.resize(row_at(2));
+    raw_.t.resize(row_at(2));
+  };
+  part(0);
+  const std::string good = write("good.csv", as_it_is);
+  part(row_at(3));
+  const std::string other = write("other.csv", as_it_is),
+                    degrees =
+                        write("degrees.csv", [](double theta_m) { return theta_m * 360 / kTwoPi; });
+  for (const DriveLog& file : read({.data = {good, other}}, kSeconds).files)
+    EXPECT_TRUE(file.inconsistent.empty()) << file.path;
+  for (const LogRequest& asked : {LogRequest{.data = {good, degrees}, .held_out = {}},
+                                  LogRequest{.data = {good}, .held_out = {degrees}}}) {
+    const DriveLogs logs = read(asked, kSeconds);
+    const TraceResult r = trace_drive_logs(logs, held_out_rows(logs, 0.25, 4), drive_.drive(), {});
+    EXPECT_EQ(r.verdict, "inconsistent") << r.sentence;
+    EXPECT_TRUE(r.sentence.starts_with(degrees + " and the drive file do not belong together: "))
+        << r.sentence;
+    ASSERT_FALSE(r.inconsistent.empty());
+    EXPECT_EQ(r.inconsistent[0].hint, "degrees?");
+    EXPECT_EQ(r.inconsistent[0].file, degrees);
+  }
+}
+
 TEST_F(DriveLogsTest, ACopyOfAFittedFileIsNoHoldOut) {
   const std::string own = write("own.csv", as_it_is), copy = write("copy.csv.gz", as_it_is);
   const auto held_out = [&](const std::string& path) {

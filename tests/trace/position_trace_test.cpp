@@ -191,6 +191,11 @@ TEST(Positions, CurrentsInMilliamperesAreNoneOfThisDrive) {
   EXPECT_EQ(r.verdict, "inconsistent");
   EXPECT_NE(r.sentence.find("milliamperes?"), std::string::npos) << r.sentence;
   EXPECT_TRUE(r.effects.empty());
+  PositionLog good = sweep({});
+  good.path = "good.csv";
+  log.path = "milli.csv";
+  EXPECT_TRUE(trace_positions({good, log}, {.machine = known, .v_dc = 24})
+                  .sentence.starts_with("milli.csv and the drive file do not belong together: "));
 }
 
 // Forward and back at speeds up to 0.2 rad/s, with a friction that falls by a share of itself.
