@@ -296,7 +296,9 @@ Eigen::VectorXd Fitter::step(Fit& fit, double& promised) const {
   fit.covariance = normal.inverse(use);
   for (const auto& [a, energy] : placed) fit.covariance(a, a) = 1 / energy;
   const Eigen::VectorXd change = normal.solve(use);
-  promised = change.dot(normal.b);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(P);
+  promised =
+      change.dot((change.array() != 0).select(normal.b, zero));  // of a kept value: not finite
   return change;
 }
 

@@ -9,14 +9,18 @@ namespace {
 
 constexpr double kRidge = 1e-8;
 
-// D A D with ones on the diagonal; rows left out are those of the identity.
+// D A D with ones on the diagonal; rows left out are those of the identity, also where A is not
+// finite: a column may have no value (a zone of zero current has no derivative).
 Eigen::MatrixXd scaled(const Eigen::MatrixXd& A, const std::vector<char>& use,
                        Eigen::VectorXd& scale) {
   const Eigen::Index n = A.rows();
   scale = Eigen::VectorXd::Zero(n);
   for (Eigen::Index i = 0; i < n; ++i)
     if (use[static_cast<std::size_t>(i)]) scale[i] = 1 / std::sqrt(A(i, i));
-  Eigen::MatrixXd S = scale.asDiagonal() * A * scale.asDiagonal();
+  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j)
+      if (scale[i] != 0 && scale[j] != 0) S(i, j) = scale[i] * A(i, j) * scale[j];
   for (Eigen::Index i = 0; i < n; ++i) S(i, i) = 1 + kRidge;
   return S;
 }
@@ -49,7 +53,9 @@ Eigen::Index NormalEquations::spurious(const std::vector<char>& use) const {
 Eigen::VectorXd NormalEquations::solve(const std::vector<char>& use) const {
   Eigen::VectorXd scale;
   const Eigen::MatrixXd S = scaled(A, use, scale);
-  return scale.asDiagonal() * linear::solve_symmetric(S, scale.asDiagonal() * b);
+  const Eigen::VectorXd scaled_b =
+      (scale.array() != 0).select(scale.cwiseProduct(b), Eigen::VectorXd::Zero(b.size()));
+  return scale.asDiagonal() * linear::solve_symmetric(S, scaled_b);
 }
 
 Eigen::MatrixXd NormalEquations::inverse(const std::vector<char>& use) const {

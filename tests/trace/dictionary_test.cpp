@@ -141,6 +141,20 @@ TEST(NormalEquations, OfTwoColumnsThatAreOneTheLaterIsTheSpuriousOne) {
   }
 }
 
+// A zone of zero current has no derivative.
+TEST(NormalEquations, AColumnWithoutAValueIsLeftOut) {
+  NormalEquations normal{Eigen::MatrixXd::Zero(3, 3), Eigen::VectorXd::Zero(3),
+                         Eigen::VectorXd::Zero(3)};
+  normal.A.diagonal() << 4, 9, NAN;
+  normal.A.row(2).setConstant(NAN);
+  normal.A.col(2).setConstant(NAN);
+  normal.b << 8, 9, NAN;
+  const std::vector<char> use = normal.usable(1);
+  EXPECT_EQ(use, (std::vector<char>{1, 1, 0}));
+  EXPECT_LT((normal.solve(use) - Eigen::Vector3d(2, 1, 0)).norm(), 1e-6);
+  EXPECT_TRUE(normal.inverse(use).allFinite());
+}
+
 TEST(TracedParameters, DoNotHoldTheClockOfTheLog) {
   const auto effect = effect_with("resistance", {{"change_Ohm", 0.1}, {"start_s", 3600}});
   std::vector<std::string> names;
