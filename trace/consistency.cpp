@@ -54,7 +54,9 @@ std::vector<Inconsistency> of_scales(const Record& record, const ScaleFactors& f
 std::vector<Inconsistency> of_frame(const ScaleFactors& f) {
   constexpr double kEmf = 0.3;
   if (magnet_in_place(f)) return {};
-  if (f.emf_share < kEmf || f.cell_share > kFrameFails || f.mean_interval_e > kSlowTurn) return {};
+  if (f.emf_share < kEmf || f.cell_share + f.rounded_share > kFrameFails ||
+      f.mean_interval_e > kSlowTurn)
+    return {};
   return {{"theta_m", "the angle that voltage and current turn with",
            fmt::format("{:.0f} % of the voltage follow from current and angle, with any R_s, L and "
                        "psi_f",

@@ -228,21 +228,25 @@ void fit_voltage(const Record& record, const DriveFacts& facts, const ReadLog& l
   // A frame off by half a count has that share of the EMF in the other axis. A cell with rounded
   // ends has another speed, and the currents' jumps at the counts correlate with it.
   const double cell_turn_e = out.mean_interval_e * static_cast<double>(cell);
-  const double leak =
-      log.step_e() * std::hypot(0.5, 1 / std::sqrt(6) / std::max(cell_turn_e, 1e-9));
+  const double rounded = log.step_e() / std::sqrt(6) / std::max(cell_turn_e, 1e-9);
+  const double leak = std::hypot(0.5 * log.step_e(), rounded);
   for (const auto& [ratio, j] : {std::pair{&out.R_s, 0}, std::pair{&out.L, 1}})
     ratio->sigma =
         std::hypot(ratio->sigma,
                    leak * std::sqrt(fit.column_power(2) / std::max(fit.column_power(j), 1e-300)));
+  // Least squares attenuate psi_f by the rounding's share of the EMF's power, and leave the product
+  // of both shares.
+  const double share = std::min(rounded * rounded, 0.9);
   const ScaleRatio along_d = fit.ratio(2), along_q = fit.ratio(3);
   const double psi = std::hypot(along_d.value, along_q.value);
   if (psi > 0) {
-    out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3)),
+    out.psi_f = {psi, std::hypot(fit.sigma(2), fit.sigma(3), psi * share / (1 - share)),
                  std::pow(psi - 1, 2) * fit.column_power(2) / std::max(fit.rest(), 1e-300)};
     out.zero_e = std::atan2(fit.beta(3), fit.beta(2));
   }
   out.voltage = fit.cell_power();
   out.emf_share = fit.column_power(2) / std::max(fit.power(), 1e-300);
+  out.rounded_share = out.emf_share * share * (1 - share);
   out.cell_share = 1 - fit.rest() / std::max(fit.power(), 1e-300);
   out.voltage_share = cells_power * out.cell_share / rows_power;
 }

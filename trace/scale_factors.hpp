@@ -55,6 +55,7 @@ struct ScaleFactors {
   // power of the rows and not in these means, so it does not affect this check of the frame.
   double cell_share = 0;
   double emf_share = 0;        // of the declared EMF, over that of the cells' voltage
+  double rounded_share = 0;    // of the cells' voltage, unexplained by the rounding of the angle
   double torque_share = 0;     // of the torque's power that i_q explains beside the frictions
   double mean_interval_e = 0;  // rad, electrical, between rows (rms)
   // At a constant speed: mean of -K_t i_q omega_m over its standard deviation; 0: the speed varies.

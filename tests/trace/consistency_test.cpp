@@ -464,20 +464,6 @@ TEST(Units, ASlowRotorLeavesTheVoltagesFrameOpen) {
   EXPECT_GT(meaning.open_e, 0.003);
 }
 
-// Its first angle is far from the last one of the file before.
-TEST(Units, TheAngleOfTheNextFileIsNoNoise) {
-  RawLog raw = plain_log();
-  raw.u_alpha = raw.u_beta = {};
-  Health health;
-  const Record file = make_record(raw, servo().machine.n_p, health);
-  Record both = file;
-  both.append(file);
-  EXPECT_GT(std::abs(file.theta_m.back() - file.theta_m.front()), 10);
-  EXPECT_NEAR(scale_factors(both, servo().facts()).torque.cells,
-              2 * scale_factors(file, servo().facts()).torque.cells, 10);
-  EXPECT_TRUE(inconsistencies(both, health, servo().facts()).empty());
-}
-
 TEST(Units, AreAskedForBeforeAnyEffect) {
   RawLog raw = plain_log();
   scale(raw, kCurrents, 1e3);
