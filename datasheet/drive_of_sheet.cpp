@@ -25,8 +25,8 @@ constexpr double kSpeedShare = 0.5, kVoltageShare = 0.7, kLoadShare = 0.3, kAcce
 // Noise of a phase-current sample, rms, relative to the rated current: the presets have 0.1 to
 // 1.6 %.
 constexpr double kNoiseShare = 0.005;
-// A wrong inertia can make start and ramp longer; this limit keeps the run within the range of a drive
-// file.
+// A wrong inertia can make start and ramp longer; this limit keeps the run within the range of a
+// drive file.
 constexpr double kLongestRamp_s = 1000, kShortestStart_s = 1;
 constexpr double kSettle_s = 0.5, kLoaded_s = 0.5, kLoadRise_s = 0.2;
 

@@ -25,7 +25,7 @@ void CpuWitness::note(int cpu, int priority) {
   sched_param param{};
   if (has_realtime_policy()) sched_getparam(0, &param);  // started with one (chrt), as the watched
   param.sched_priority = std::max(priority, param.sched_priority) + 1;
-  // On that CPU a thread of normal priority would wait for ever beside a watched process that spins.
+  // With normal priority it would not run on that CPU beside a watched process that spins.
   if (param.sched_priority > 1) sched_setscheduler(0, SCHED_FIFO, &param);
   pin_to_cpu(cpu);
   noted_ns_ = host_now_ns();

@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kSlope = 0.05;  // of R_s: the slope of switches is smaller
 constexpr double kKnown = 3;     // sigmas that a slope, or a part beyond the common one, needs
-// Sigmas that a common part needs beside different phases. By design above kKnown: it is the smallest
-// of three changes, and what the model still lacks moves all three.
+// Sigmas that a common part needs beside different phases. By design above kKnown: it is the
+// smallest of three changes, and a missing effect biases all three. One drawn log is its reason.
 constexpr double kCommon = 5;
 
 std::map<std::string, double> sigmas_of(const TracedEffect& traced) {

@@ -180,7 +180,7 @@ TEST(CpuWitness, AWatchedProcessThatSpinsDoesNotMakeItsCpuStand) {
   const std::int64_t beside_stranger = stood_beside(kWatched + 10, kWatched);
   if (beside_stranger < 0) GTEST_SKIP() << "SCHED_FIFO is not allowed here";
   EXPECT_GT(beside_stranger, 50 * kMs);
-  // A shared machine can itself stand for one attempt, not for all: beside a stranger every one is long.
+  // A shared machine can itself stand during one attempt, not during all of them.
   std::int64_t beside_watched = beside_stranger;
   for (int attempt = 0; attempt < 10 && beside_watched >= 20 * kMs; ++attempt)
     beside_watched = stood_beside(kWatched, kWatched);
