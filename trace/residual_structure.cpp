@@ -270,10 +270,16 @@ class StructureSearch {
     const bool alone = fit_.members.empty(), of_time = axis.regressor == kTime;
     const double least = least_ + made_by_sensors(noise, noisier, alone ? e : noise, judges);
     if (fitted < least) return {};
+    // Beside a claim the sensors explain all of an error that is smaller than theirs, as in the gate.
+    const auto exceeds = [&](const Eigen::VectorXd& errors) {
+      return !alone && errors.size() == e.size() && errors.norm() > e.norm();
+    };
+    if (exceeds(noise)) return {};
     if (counts_may_) {
       const Eigen::VectorXd& moved = rounding(true).*looked.noise;
-      if (moved.size() == e.size() &&
-          fitted < least_ + made_by_sensors(moved, x, alone ? e : moved, judges))
+      if (exceeds(moved) ||
+          (moved.size() == e.size() &&
+           fitted < least_ + made_by_sensors(moved, x, alone ? e : moved, judges)))
         return {};
     }
     const Votes votes = transfer_of(e, mean, judges);
