@@ -44,6 +44,10 @@ bool is_shaft(const Effect& effect) {
   return effect.describe_shaft(shaft);
 }
 
+bool changes_inertia(const Effect& effect) {
+  return is_shaft(effect) || is_of(effect, Traits::Family::kInertia);
+}
+
 bool is_slow_shaft(const Effect& effect) {
   constexpr double kSlow = 10;  // Hz, of the load at a motor at rest
   ShaftFacts s;

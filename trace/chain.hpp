@@ -43,6 +43,8 @@ bool has_gap(const Effect& effect);
 bool is_shaft(const Effect& effect);
 // A shaft whose resonance is below that of most shafts.
 bool is_slow_shaft(const Effect& effect);
+// A kind that changes the inertia at the motor.
+bool changes_inertia(const Effect& effect);
 // A shaft, or a load that acts behind the shaft of a drive with one.
 bool is_of_shaft(const Effect& effect);
 

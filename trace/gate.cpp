@@ -142,11 +142,6 @@ bool is_line(const Effect& effect) {
   return in != Traits::Period::kUnstated && in != Traits::Period::kNothing;
 }
 
-// True for a kind that changes the inertia at the motor.
-bool changes_inertia(const Effect& effect) {
-  return is_shaft(effect) || is_of(effect, Traits::Family::kInertia);
-}
-
 }  // namespace
 
 std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& m) {

@@ -289,6 +289,18 @@ double torque_by_pieces(const Fitter& fitter, const Fit& fit) {
   return sum;
 }
 
+double fall_in_sensors(const Fitter& fitter, const Fit& now, const Fit& next) {
+  const Sampled was = fitter.chain().residual(now.effects()),
+                is = fitter.chain().residual(next.effects());
+  const auto fall = [&](Eigen::VectorXd Sampled::*part) {
+    if (!(was.*part).size() || !(is.*part).size()) return 0.0;
+    return std::log(in_sensors(fitter, was.*part).squaredNorm() /
+                    in_sensors(fitter, is.*part).squaredNorm());
+  };
+  return static_cast<double>(was.torque.size()) *
+         (fall(&Sampled::torque) - std::max(0.0, fall(&Sampled::noise_torque)));
+}
+
 bool leaves_more_than_noise(const Fitter& fitter, const Fit& fit) {
   constexpr double kTimes = 2;
   const Sampled left = fitter.chain().residual(fit.effects());

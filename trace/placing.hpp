@@ -34,6 +34,10 @@ bool rings(const Effect& effect);
 // noise of the sensors. (The noise of an angle makes a torque that grows with the square of the
 // frequency, and hides a resonance; whitening by the residual would hide it, too.)
 double torque_energy(const Fitter& fitter, const Fit& fit);
+// Fall of the log likelihood by `next` in that noise, times two, less the fall that a lighter motor
+// makes in the noise itself. The noise model of a search contains a resonance that is missing in
+// `now`, and whitens it away.
+double fall_in_sensors(const Fitter& fitter, const Fit& now, const Fit& next);
 // The same residual as a sum of the norms of pieces: a missed impact spoils only one of them.
 double torque_by_pieces(const Fitter& fitter, const Fit& fit);
 // True if that energy is more than twice that of its noise.

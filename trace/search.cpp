@@ -109,10 +109,12 @@ void Search::renew_noise(bool first) {
 // have, and a saturation of a smaller gain was added in its place. So a large gain is asked once
 // more beside the noise that the newcomer leaves.
 bool Search::helps_under_its_noise(Fit refused) {
-  Fit without = std::exchange(fit_, std::move(refused));
+  Chain& chain = problem_.seen();
+  const NoiseModel noise = chain.noise();
+  Fit before = std::exchange(fit_, std::move(refused));
   renew_noise(true);
   const Fitter f = fitter();
-  without = f.refine(std::move(without.members));
+  const Fit without = f.refine(before.members);
   Fit with = f.refine(std::move(fit_.members));
   const bool helps =
       score_of(f, with) + f.margin() < score_of(f, without) && acceptable(f, with, without);
@@ -120,9 +122,12 @@ bool Search::helps_under_its_noise(Fit refused) {
     say_(fmt::format("  {} beside its own noise: score {:.0f}, held-out {:.0f} -> {:.0f}{}",
                      with.members.back()->kind(), score_of(f, without) - score_of(f, with),
                      without.rss_held_out, with.rss_held_out, helps ? "" : " (refused)"));
-  fit_ = std::move(helps ? with : without);
-  if (!helps) renew_noise(true);
-  return helps;
+  fit_ = std::move(helps ? with : before);
+  if (helps) return true;
+  dictionary_.renew(chain, fit_.effects());
+  chain.set_noise(noise);
+  dictionary_.whiten(chain, false);
+  return false;
 }
 
 Selection Search::operator()(Fit found) {
@@ -133,7 +138,8 @@ Selection Search::operator()(Fit found) {
     laps_("noise");
     Fit selected = select_one(fitter(), dictionary_.whitened, fit_.members, say_, state);
     if (!state.added) fit_ = selected;
-    if (!state.refused.members.empty() && helps_under_its_noise(std::move(state.refused)))
+    const auto helps = [&](Fit& refused) { return helps_under_its_noise(std::move(refused)); };
+    if (std::any_of(state.refused.begin(), state.refused.end(), helps))
       state.added = true;
     else if (state.added)
       fit_ = std::move(selected);

@@ -108,8 +108,8 @@ class Selector {
   bool add_one() {
     const Fit& now = fit_;
     const double score_now = score_of(fitter_, now);
-    Fit best, overdamped, refused;
-    double best_gain = 0, first_gain = 0, refused_gain = 0;
+    Fit best, overdamped, refused, heard;
+    double best_gain = 0, first_gain = 0, refused_gain = 0, heard_gain = 0;
     std::size_t tried = 0;
     std::vector<Score> ranking = ranked(fitter_, candidates_, now);
     if (say_) say_(in_words(ranking));
@@ -160,6 +160,11 @@ class Selector {
         refused_gain = gain;
         refused = next;
       }
+      if ((!good || gain <= 0) && next.valid && changes_inertia(*s.effect))
+        if (const double fall = fall_in_sensors(fitter_, now, next); fall > heard_gain) {
+          heard_gain = fall;
+          heard = next;
+        }
       if (gain <= 0 || !good) continue;
       first_gain = std::max(first_gain, s.gain);
       if (best.members.empty() || preferred(next, gain, best, best_gain)) {
@@ -168,10 +173,12 @@ class Selector {
       }
     }
     if (best.members.empty()) best = std::move(overdamped);
-    if (refused_gain > std::max(best_gain, kTwoMissing * fitter_.margin())) {
+    const double least = std::max(best_gain, kTwoMissing * fitter_.margin());
+    if (refused_gain > least) {
       if (best.members.empty()) best = with_another(now, refused);
-      refused_ = std::move(refused);
+      refused_.push_back(std::move(refused));
     }
+    if (heard_gain > least) refused_.push_back(std::move(heard));
     if (best.members.empty()) return false;
     fit_ = with_best_shape(fitter_, std::move(best), say_);
     place_anew();
@@ -195,20 +202,30 @@ class Selector {
   }
 
   // A load that rings whenever the drive moves appears as lines in the spectrum. If a line has the
-  // best score, a torsion is searched and ranked behind it.
+  // best score, a torsion is searched and ranked behind it. The noise model may contain all of a
+  // resonance, and then no shaft has a gain: one is searched as well if the torque is far above the
+  // noise of the sensors.
   std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
-    if (lines_left_ <= 0 || ranking.empty() || ranking.front().gain <= 0 ||
-        has_shaft(fit_.members) || !is_placed(*ranking.front().effect, Traits::Place::kLine) ||
-        get_key(*ranking.front().effect, "frequency_Hz") == 0)
+    if (lines_left_ <= 0 || has_shaft(fit_.members) || ranking.empty()) return nullptr;
+    const Effect& first = *ranking.front().effect;
+    const bool gains = ranking.front().gain > 0, line = gains &&
+                                                        is_placed(first, Traits::Place::kLine) &&
+                                                        get_key(first, "frequency_Hz") > 0;
+    const auto shaft_gains = [](const Score& s) {
+      return s.gain > 0 && is_placed(*s.effect, Traits::Place::kShaft);
+    };
+    if (!line && (std::any_of(ranking.begin(), ranking.end(), shaft_gains) ||
+                  !leaves_more_than_noise(fitter_, fit_)))
       return nullptr;
     const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
-    if (!torsion) return nullptr;
     --lines_left_;
+    if (!torsion || !rings(*torsion)) return nullptr;
     std::erase_if(ranking,
                   [](const Score& s) { return is_placed(*s.effect, Traits::Place::kShaft); });
     Score tried = ranking.front();
     tried.effect = torsion;
-    ranking.insert(ranking.begin() + 1, tried);
+    tried.gain = std::max(tried.gain, fitter_.margin());
+    ranking.insert(ranking.begin() + (gains ? 1 : 0), tried);
     return torsion;
   }
 
@@ -367,7 +384,8 @@ class Selector {
   const Fitter& fitter_;
   const std::vector<Candidate>& candidates_;
   const Say& say_;
-  Fit fit_, refused_;
+  Fit fit_;
+  std::vector<Fit> refused_;
   int gaps_left_ = 0, lines_left_ = 0;
 };
 

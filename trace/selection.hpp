@@ -46,9 +46,10 @@ struct RoundState {
   bool added = true;   // the last round added an effect
   int gaps_left = 2;   // remaining searches for a gap, each of which is long
   int lines_left = 2;  // remaining searches for a shaft that appears as a line
-  // With the candidate of the largest gain that was refused. Empty unless that gain is kTwoMissing
-  // margins, and larger than that of the added effect.
-  Fit refused = {};
+  // With candidates that were refused: the one of the largest gain, and the inertia or shaft that
+  // removes most of the torque error in the sensors' noise. Their gains are kTwoMissing margins, and
+  // larger than that of the added effect.
+  std::vector<Fit> refused = {};
 };
 // Drops the members that are not needed and adds the best candidate if it is acceptable.
 Fit select_one(const Fitter& fitter, const std::vector<Candidate>& candidates,

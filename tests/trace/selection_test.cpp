@@ -94,7 +94,9 @@ TEST(Selection, ARefusedCandidateOfALargeGainIsHandedOn) {
     RoundState state;
     const Fit fit = select_one(drive.fitter(), {{resistance, columns}}, {}, {}, state);
     EXPECT_FALSE(state.added) << warm;
-    return kinds_of(state.refused.members);
+    std::vector<std::string> kinds;
+    for (const Fit& refused : state.refused) kinds.emplace_back(refused.members.back()->kind());
+    return kinds;
   };
   EXPECT_EQ(refused_of(1), (std::vector<std::string>{"resistance"}));
   EXPECT_TRUE(refused_of(0.02).empty());

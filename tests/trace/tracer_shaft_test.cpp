@@ -38,6 +38,22 @@ TEST(Tracer, FindsAShaftInTwoLogs) {
   EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 60, 5);
 }
 
+// The counts make a torque that grows with the square of the frequency. The noise model that the
+// search fits holds all of the resonance, so that no candidate has a gain; in the noise of the
+// sensors alone the resonance is far above it.
+TEST(Tracer, FindsAShaftWhoseResonanceTheNoiseModelHolds) {
+  constexpr double kLoadAtStart_Nm = -0.4;
+  LooseLoad load{.J = 5e-3, .K = 16, .D = 0.06, .gap = 0, .theta = 0.3 - kLoadAtStart_Nm / 16};
+  SyntheticDrive drive{.J = 8.8e-3 - load.J, .duration_s = 5, .counts = 4096};
+  drive.extra_load = [&](double t, double theta, double omega) { return load(t, theta, omega); };
+  const TraceResult r = trace_of(simulate_synthetic(drive));
+  ASSERT_EQ(kinds(r), (Names{"torsion"})) << r.sentence;
+  EXPECT_EQ(r.verdict, "traced");
+  EXPECT_NEAR(parameter(r, "torsion", "stiffness").value, 16, 0.16);
+  EXPECT_NEAR(parameter(r, "torsion", "J_load").value, 5e-3, 5e-5);
+  EXPECT_NEAR(parameter(r, "torsion", "damping").value, 0.06, 0.003);
+}
+
 TEST(Tracer, CorrectsADeclaredEffectThatIsTooLarge) {
   SyntheticDrive drive;
   drive.extra_load = [](double, double, double omega) { return 0.06 * std::tanh(omega / 0.02); };
