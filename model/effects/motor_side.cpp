@@ -145,25 +145,44 @@ MotorSide::MotorSide(std::span<const OperatingPoint> record, std::vector<double>
   }
 }
 
-// From a parabola through the angle's first rows: the encoder's last digit is 0.06 rad/s between
+// From polynomials through the angle's first rows: the encoder's last digit is 0.06 rad/s between
 // two of them, which would set the load ringing.
 MotorSide::Start MotorSide::start_at(std::span<const OperatingPoint> record,
                                      std::span<const double> mean, std::size_t row) const {
-  constexpr std::size_t kRows = 20, kLeast = 8;
-  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  double angle = 0;
-  std::size_t n = 0;
-  for (; n < kRows && row + n < record.size(); ++n) {
+  constexpr std::size_t kRows = 20, kLeast = 8, kMostRows = kRows << 10;
+  constexpr double kSure = 5;  // standard deviations of a speed
+  Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d b = Eigen::Vector4d::Zero();
+  Start start{.row = row, .omega_m = mean[row], .over = {}};
+  double angle = 0, squares = 0;
+  std::size_t n = 0, next = kRows;
+  const auto look = [&] {  // time in rows
+    const auto parabola = A.topLeftCorner<3, 3>().ldlt();
+    const Eigen::Vector3d x = parabola.solve(b.head<3>());
+    const Eigen::Vector4d cubic = A.ldlt().solve(b);
+    const double rows = static_cast<double>(n),
+                 noise = std::max(0.0, squares - x.dot(b.head<3>())) / (rows - 3),
+                 sigma = std::sqrt(noise * parabola.solve(Eigen::Vector3d::Unit(1))[1]);
+    if (start.over.empty()) start.omega_m = x[1] / T_s_;
+    start.over.push_back(
+        {.seconds = rows * T_s_,
+         .omega_m = cubic[1] / T_s_,
+         .omega_rate = cubic[2] / (T_s_ * T_s_),
+         .jerk = cubic[3] / (T_s_ * T_s_ * T_s_),
+         .moved = std::abs(x[1]) > std::max(rows * std::abs(x[2]), kSure * sigma)});
+  };
+  for (; n < kMostRows && row + n < record.size(); ++n) {
     if (n > 0 && is_seam(record[row + n - 1], record[row + n], T_s_)) break;
-    const double t = static_cast<double>(n) * T_s_;
-    const Eigen::Vector3d x(1, t, 0.5 * t * t);
+    if (n == next) look(), next *= 2;
+    const double t = static_cast<double>(n);
+    const Eigen::Vector4d x(1, t, t * t / 2, t * t * t / 6);
     if (n > 0) angle += T_s_ * mean[row + n - 1];
     A += x * x.transpose();
     b += angle * x;
+    squares += angle * angle;
   }
-  if (n < kLeast) return {row, mean[row]};
-  return {row, A.ldlt().solve(b)[1]};
+  if (n >= kLeast && (start.over.empty() || n > next / 2 + kLeast)) look();
+  return start;
 }
 
 void MotorSide::tie(std::span<const Measured> measured, double damping) {
@@ -175,8 +194,23 @@ void MotorSide::tie(std::span<const Measured> measured, double damping) {
   }
 }
 
-ShaftState MotorSide::at_rest(const ShaftFacts& shaft, const Start& start) const {
-  return shaft_at_rest(shaft, start.omega_m, rows_[start.row].behind);
+// The cubic over at least a period of the load against a held motor, which leaves its ringing out.
+// A motor that begins to turn at the first row is no faster than its acceleration makes it in the
+// time of a parabola, and its load is at rest.
+ShaftState MotorSide::at_start(const ShaftFacts& shaft, const Start& start) const {
+  constexpr double kShort = 0.25;  // of a period: in a longer time an acceleration may end
+  const double period = kTwoPi * std::sqrt(shaft.J_load / shaft.stiffness),
+               behind = rows_[start.row].behind;
+  const Start::Motion* motion = nullptr;
+  bool moved = false;
+  for (const Start::Motion& m : start.over) {
+    if (!motion || m.seconds <= kShort * period) moved |= m.moved;
+    motion = &m;
+    if (m.seconds >= period) break;
+  }
+  if (!moved) return shaft_at_rest(shaft, start.omega_m, behind);
+  return shaft_at_rest(shaft, motion->omega_m - shaft.J_load / shaft.stiffness * motion->jerk,
+                       behind + shaft.J_load * motion->omega_rate);
 }
 
 void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
@@ -189,7 +223,7 @@ void MotorSide::along(const ShaftFacts& shaft, std::span<double> T_load) const {
   const double twist = tied_twist(shaft, tie_, T_s_);
   auto start = starts_.begin();
   for (std::size_t k = 0; k < N; ++k) {
-    if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
+    if (start != starts_.end() && start->row == k) load.set_state(at_start(shaft, *start++));
     const Row& row = rows_[k];
     const double torque = load.torque(row.omega_m);
     T_load[k] = torque - row.behind;
@@ -208,7 +242,7 @@ std::vector<ShaftState> MotorSide::load_mass(const ShaftFacts& shaft) const {
   LoadMass load(shaft, T_s_, {});
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
-    if (start != starts_.end() && start->row == k) load.set_state(at_rest(shaft, *start++));
+    if (start != starts_.end() && start->row == k) load.set_state(at_start(shaft, *start++));
     states[k] = load.state();
     load.advance(rows_[k].begin, rows_[k].omega_rate, rows_[k].held);
   }
@@ -222,7 +256,7 @@ inline __attribute__((always_inline)) void MotorSide::eight(const ShaftFacts* sh
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
     if (start != starts_.end() && start->row == k) {
-      const auto rest = [&](const ShaftFacts& shaft) { return at_rest(shaft, *start); };
+      const auto rest = [&](const ShaftFacts& shaft) { return at_start(shaft, *start); };
       a.set(rest);
       b.set(rest);
       ++start;
@@ -238,7 +272,7 @@ inline __attribute__((always_inline)) void MotorSide::four(const ShaftFacts* sha
   auto start = starts_.begin();
   for (std::size_t k = 0; k < rows(); ++k) {
     if (start != starts_.end() && start->row == k) {
-      a.set([&](const ShaftFacts& shaft) { return at_rest(shaft, *start); });
+      a.set([&](const ShaftFacts& shaft) { return at_start(shaft, *start); });
       ++start;
     }
     a.step(rows_[k], T_load, k);

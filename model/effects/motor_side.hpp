@@ -52,14 +52,19 @@ class MotorSide {
   double T_s_, tie_ = 0;
   std::vector<Row> rows_;
   // Start of another stretch of time. The earlier motion of the load is unknown: it is assumed at
-  // rest against the motor.
+  // rest against the motor, and to accelerate with a motor that has been moving for longer.
   struct Start {
+    struct Motion {
+      double seconds = 0, omega_m = 0, omega_rate = 0, jerk = 0;  // rad/s3
+      bool moved = false;                                         // before the first row
+    };
     std::size_t row = 0;
     double omega_m = 0;
+    std::vector<Motion> over;  // ever longer times, by a cubic polynomial through the angle
   };
   Start start_at(std::span<const OperatingPoint> record, std::span<const double> mean,
                  std::size_t row) const;
-  ShaftState at_rest(const ShaftFacts& shaft, const Start& start) const;
+  ShaftState at_start(const ShaftFacts& shaft, const Start& start) const;
   std::vector<Start> starts_;
 };
 

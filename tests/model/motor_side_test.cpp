@@ -144,6 +144,31 @@ TEST(MotorSide, InSteadyStateTheShaftHasTheTorqueOfTheClosedForm) {
   }
 }
 
+// A log may begin in motion: the load then accelerates with the motor, and does not ring. A motor
+// that starts from rest sets it ringing: J alpha (1 - cos w_0 t).
+TEST(MotorSide, ALoadThatMovedBeforeTheFirstRowAcceleratesWithTheMotor) {
+  const ShaftFacts shaft{.J_load = 0.0014, .stiffness = 12, .damping = 0};
+  const double omega_0 = std::sqrt(shaft.stiffness / shaft.J_load);
+  for (const auto& [speed, alpha] :
+       {std::pair{30.0, 80.0}, {-30.0, 80.0}, {30.0, -80.0}, {0.0, 80.0}}) {
+    std::vector<OperatingPoint> record(3000);
+    for (std::size_t k = 0; k < record.size(); ++k) {
+      const double t = kStep_s * static_cast<double>(k);
+      record[k].t = t + (k < 1500 ? 0 : 1.0);  // and after a seam
+      record[k].theta_m = speed * t + 0.5 * alpha * t * t;
+    }
+    std::vector<double> T_load(record.size());
+    MotorSide(record, std::vector<double>(record.size()), kStep_s).along(shaft, T_load);
+    const double torque = shaft.J_load * alpha;
+    for (std::size_t k = 0; k + 2 < 1500; ++k) {
+      const double rings = speed == 0 ? std::cos(omega_0 * record[k].t) : 0;
+      ASSERT_NEAR(T_load[k], torque * (1 - rings), 0.02 * std::abs(torque)) << k << " " << speed;
+    }
+    for (std::size_t k = 1500; k + 2 < record.size(); ++k)
+      ASSERT_NEAR(T_load[k], torque, 0.02 * std::abs(torque)) << k << " " << speed;
+  }
+}
+
 // A constant speed from a 20-bit encoder gives a constant load speed. The last digit between the
 // first two rows is 0.06 rad/s; a shaft of 59 Hz rang with 0.01 Nm for 0.1 s because of it.
 TEST(MotorSide, TheEncodersLastDigitCausesNoRinging) {
