@@ -72,14 +72,16 @@ class Selector {
  private:
   // Replaces `shaft`, the fit with a torsion, by one with a gap if that is better. The best torsion
   // for a drive with a gap is overdamped, or explains nothing: then the search starts from `placed`.
+  // The gap is compared with the best torsion in the sensors' noise.
   void look_for_gap(const Fit& now, const Effect& placed, Fit& shaft) {
     const double gain = score_of(fitter_, now) - score_of(fitter_, shaft);
     const bool torsion = shaft.valid && gain > fitter_.margin();
-    const Fit& before = torsion ? shaft : now;
+    const std::shared_ptr<Effect> start = torsion ? shaft.members.back() : placed.clone();
+    const bool heard = take_heard(now, shaft);
+    const Fit& before = torsion || heard ? shaft : now;
     if (gaps_left_ <= 0 || !leaves_more_than_noise(fitter_, before)) return;
     --gaps_left_;
-    std::optional<Fit> gap =
-        search_backlash(fitter_, now, torsion ? *shaft.members.back() : placed);
+    std::optional<Fit> gap = search_backlash(fitter_, now, *start);
     if (!gap) return;
     const double more = score_of(fitter_, before) - score_of(fitter_, *gap);
     if (say_)
@@ -90,9 +92,21 @@ class Selector {
                          .pieces = torque_by_pieces(fitter_, fit),
                          .held_out = fit.rss_held_out};
     };
-    if (acceptable(fitter_, *gap, now) &&
-        is_gap(left_by(*gap), left_by(before), torsion ? gain : 0, more, fitter_.margin()))
+    const LeftByShaft with_gap = left_by(*gap), without = left_by(before);
+    if (acceptable(fitter_, *gap, now) && !(heard && with_gap.energy >= without.energy) &&
+        is_gap(with_gap, without, torsion ? gain : 0, more, fitter_.margin()))
       shaft = std::move(*gap);
+  }
+
+  // Takes the torsion that was searched in the sensors' noise if it leaves less torque there.
+  bool take_heard(const Fit& now, Fit& shaft) const {
+    if (!heard_) return false;
+    const Members there = with(now.members, heard_);
+    Fit fit = unless_astray(there, fitter_.refine(there, Fitter::Until::kArrived));
+    if (!fit.valid || (shaft.valid && torque_energy(fitter_, fit) >= torque_energy(fitter_, shaft)))
+      return false;
+    shaft = std::move(fit);
+    return true;
   }
 
   // The noise model may still contain part of the resonance. Under such a model the best shaft may
@@ -103,6 +117,11 @@ class Selector {
     const bool astray = there.valid && kWorseThanPlaced * torque_energy(fitter_, there) <
                                            torque_energy(fitter_, refined);
     return astray ? std::move(there) : std::move(refined);
+  }
+
+  // True if the last member of `next` removes much of the torque error in the sensors' noise.
+  bool is_heard(const Fit& next) const {
+    return next.valid && fall_in_sensors(fitter_, fit_, next) > kTwoMissing * fitter_.margin();
   }
 
   bool add_one() {
@@ -135,7 +154,8 @@ class Selector {
           std::any_of(ranking.begin(), ranking.end(), [](const Score& other) {
             return is_placed(*other.effect, Traits::Place::kShaft) && !is_slow_shaft(*other.effect);
           });
-      if (shaft && s.effect != searched && !beside_stiffer) look_for_gap(now, *newcomer, next);
+      if (shaft && !beside_stiffer && (s.effect != searched || is_heard(next)))
+        look_for_gap(now, *newcomer, next);
       if (names_a_slope(next.members, *s.effect) || !next.valid)
         next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
@@ -201,27 +221,29 @@ class Selector {
     return good ? both : Fit{};
   }
 
-  // A load that rings whenever the drive moves appears as lines in the spectrum. If a line has the
-  // best score, a torsion is searched and ranked behind it. The noise model may contain all of a
-  // resonance, and then no shaft has a gain: one is searched as well if the torque is far above the
-  // noise of the sensors.
+  // A load that rings whenever the drive moves appears as lines in the spectrum. The noise model may
+  // contain all of a resonance; then no shaft has a gain, or another one has. So if a line has the
+  // best score, or the torque is far above the noise of the sensors, a torsion is searched in that
+  // noise. If no shaft has a gain, it is ranked behind the first effect that has one; otherwise it
+  // is kept for comparison.
   std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
+    heard_ = nullptr;
     if (lines_left_ <= 0 || has_shaft(fit_.members) || ranking.empty()) return nullptr;
     const Effect& first = *ranking.front().effect;
     const bool gains = ranking.front().gain > 0, line = gains &&
                                                         is_placed(first, Traits::Place::kLine) &&
                                                         get_key(first, "frequency_Hz") > 0;
-    const auto shaft_gains = [](const Score& s) {
-      return s.gain > 0 && is_placed(*s.effect, Traits::Place::kShaft);
-    };
-    if (!line && (std::any_of(ranking.begin(), ranking.end(), shaft_gains) ||
-                  !leaves_more_than_noise(fitter_, fit_)))
-      return nullptr;
+    if (!line && !leaves_more_than_noise(fitter_, fit_)) return nullptr;
     const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
     --lines_left_;
     if (!torsion || !rings(*torsion)) return nullptr;
-    std::erase_if(ranking,
-                  [](const Score& s) { return is_placed(*s.effect, Traits::Place::kShaft); });
+    const auto shaft = [](const Score& s) { return is_placed(*s.effect, Traits::Place::kShaft); };
+    const auto shaft_gains = [&](const Score& s) { return s.gain > 0 && shaft(s); };
+    if (!line && std::any_of(ranking.begin(), ranking.end(), shaft_gains)) {
+      heard_ = torsion;
+      return nullptr;
+    }
+    std::erase_if(ranking, shaft);
     Score tried = ranking.front();
     tried.effect = torsion;
     tried.gain = std::max(tried.gain, fitter_.margin());
@@ -386,6 +408,7 @@ class Selector {
   const Say& say_;
   Fit fit_;
   std::vector<Fit> refused_;
+  std::shared_ptr<Effect> heard_;  // a torsion, searched in the sensors' noise; may be null
   int gaps_left_ = 0, lines_left_ = 0;
 };
 
