@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "model/effects/catalogue.hpp"
 #include "trace/drop_shape.hpp"
@@ -99,13 +100,15 @@ class Selector {
   }
 
   // Takes the torsion that was searched in the sensors' noise if it leaves less torque there.
-  bool take_heard(const Fit& now, Fit& shaft) const {
-    if (!heard_) return false;
-    const Members there = with(now.members, heard_);
-    Fit fit = unless_astray(there, fitter_.refine(there, Fitter::Until::kArrived));
-    if (!fit.valid || (shaft.valid && torque_energy(fitter_, fit) >= torque_energy(fitter_, shaft)))
+  bool take_heard(const Fit& now, Fit& shaft) {
+    if (heard_) {
+      const Members there = with(now.members, std::exchange(heard_, nullptr));
+      heard_fit_ = unless_astray(there, fitter_.refine(there, Fitter::Until::kArrived));
+    }
+    if (heard_fit_.members.empty() || !heard_fit_.valid ||
+        (shaft.valid && torque_energy(fitter_, heard_fit_) >= torque_energy(fitter_, shaft)))
       return false;
-    shaft = std::move(fit);
+    shaft = heard_fit_;
     return true;
   }
 
@@ -156,6 +159,7 @@ class Selector {
           });
       if (shaft && !beside_stiffer && (s.effect != searched || is_heard(next)))
         look_for_gap(now, *newcomer, next);
+      if (beside_stiffer) take_heard(now, next);
       if (names_a_slope(next.members, *s.effect) || !next.valid)
         next = without_slope(std::move(next));
       if (!next.valid) next = without_threshold(std::move(next));
@@ -228,6 +232,7 @@ class Selector {
   // is kept for comparison.
   std::shared_ptr<Effect> look_for_shaft(std::vector<Score>& ranking) {
     heard_ = nullptr;
+    heard_fit_ = {};
     if (lines_left_ <= 0 || has_shaft(fit_.members) || ranking.empty()) return nullptr;
     const Effect& first = *ranking.front().effect;
     const bool gains = ranking.front().gain > 0, line = gains &&
@@ -409,6 +414,7 @@ class Selector {
   Fit fit_;
   std::vector<Fit> refused_;
   std::shared_ptr<Effect> heard_;  // a torsion, searched in the sensors' noise; may be null
+  Fit heard_fit_;                  // with it, refined; empty without one
   int gaps_left_ = 0, lines_left_ = 0;
 };
 
