@@ -235,9 +235,9 @@ class Selector {
     heard_fit_ = {};
     if (lines_left_ <= 0 || has_shaft(fit_.members) || ranking.empty()) return nullptr;
     const Effect& first = *ranking.front().effect;
-    const bool gains = ranking.front().gain > 0, line = gains &&
-                                                        is_placed(first, Traits::Place::kLine) &&
-                                                        get_key(first, "frequency_Hz") > 0;
+    const bool gains = ranking.front().gain > 0;
+    const bool line =
+        gains && is_placed(first, Traits::Place::kLine) && get_key(first, "frequency_Hz") > 0;
     if (!line && !leaves_more_than_noise(fitter_, fit_)) return nullptr;
     const std::shared_ptr<Effect> torsion = search_torsion(fitter_, fit_, candidates_);
     --lines_left_;
@@ -248,9 +248,9 @@ class Selector {
       heard_ = torsion;
       return nullptr;
     }
-    std::erase_if(ranking, shaft);
     Score tried = ranking.front();
     tried.effect = torsion;
+    std::erase_if(ranking, shaft);
     tried.gain = std::max(tried.gain, fitter_.margin());
     ranking.insert(ranking.begin() + (gains ? 1 : 0), tried);
     return torsion;

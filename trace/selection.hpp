@@ -45,7 +45,7 @@ struct Selection {
 struct RoundState {
   bool added = true;   // the last round added an effect
   int gaps_left = 2;   // remaining searches for a gap, each of which is long
-  int lines_left = 2;  // remaining searches for a shaft that appears as a line
+  int lines_left = 2;  // remaining searches for a torsion in the sensors' noise
   // With candidates that were refused: the one of the largest gain, and the inertia or shaft that
   // removes most of the torque error in the sensors' noise. Their gains are kTwoMissing margins, and
   // larger than that of the added effect.
