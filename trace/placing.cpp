@@ -11,7 +11,7 @@
 namespace twinrate {
 namespace {
 
-constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 50, kTriedCloser = 60;
+constexpr int kTriedFirst = 30, kTriedLast = 150, kTriedTorsion = 60, kTriedCloser = 60;
 constexpr std::size_t kTriedOfAMass = 2, kFinalists = 3;
 // Damping of the load by the measured torque (MotorSide::tie), one after the other. By design: the
 // first holds the load through the impacts of the wildest drawn log, the last does not act.
