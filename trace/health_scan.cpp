@@ -176,9 +176,9 @@ void HealthScan::take(std::size_t end) {
         ranges_[c].lowest = std::min(ranges_[c].lowest, x[k]);
         ranges_[c].highest = std::max(ranges_[c].highest, x[k]);
       }
-    const bool turning =
+    const bool angle_moves =
         k > 0 && !ahead_.theta_m.empty() && ahead_.theta_m[k] != ahead_.theta_m[k - 1];
-    if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s), turning);
+    if (!at_top(k)) held_.add(current_pair(ahead_, k, T_s), angle_moves);
     if (t_kept_) {
       const double span = (ahead_.t[k] - *t_kept_) / T_s;
       const auto steps = std::max<std::int64_t>(1, std::llround(span));

@@ -12,6 +12,7 @@ constexpr double kSureOfSide = 6, kSure = 4.5;
 constexpr double kOneWay = 3.5;  // sigmas of a preferred side that rule out a claim
 constexpr double kFewSteps = 2;  // steps of the converter
 constexpr std::size_t kSide = 3;
+constexpr std::size_t kStill = 256;  // rows of one angle after which the rotor stands still
 static_assert(kSide + 1 <= kStaleReach);
 
 }  // namespace
@@ -50,10 +51,11 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s) {
   return pair;
 }
 
-void HeldCurrents::add(const CurrentPair& pair, bool turning) {
+void HeldCurrents::add(const CurrentPair& pair, bool angle_moves) {
   constexpr int kFew = 32;
   ++seen_;
   if (seen_ - few_.begin > 2 * kFew) few_ = {.begin = seen_};
+  if (angle_moves) moved_ = seen_;
   if (!pair.known) return;
   third_ |= pair.third;
   for (double step : pair.step.cwiseAbs())
@@ -67,6 +69,7 @@ void HeldCurrents::add(const CurrentPair& pair, bool turning) {
     if (y && !x) y_alone_.add(behind[1]);
     return;
   }
+  const bool turning = moved_ > 0 && seen_ - moved_ < kStill;
   if (!turning || pair.here.norm() < kFewSteps * least_step_) return;
   ++few_.rows;
   few_.next.add(pair.repeated, third_);

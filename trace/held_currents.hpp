@@ -21,7 +21,9 @@
 // This number is multiplied by the larger of two factors. 1/sqrt(det R), R the correlations of the
 // steps' noise, is the density of correlated steps at zero over that of independent ones: three
 // currents that add up to nearly zero repeat together often. The other is the factor with which they
-// repeat the row before the last together (bursts). Repetitions beyond it are held rows. (If the
+// repeat the row before the last together (bursts). Repetitions beyond it are held rows. All rows of
+// a rotor that turns are counted: the rows at which a coarse angle changes lie before the leap of
+// the current, and repeat more often than those around them. (If the
 // noise is smaller than the steps of the converter, both currents repeat as long as neither is near
 // an edge. Then no share is reported. A current of less than two steps repeats while it is near
 // zero: such rows do not count.)
@@ -60,8 +62,8 @@ CurrentPair current_pair(const RawLog& raw, std::size_t k, double T_s);
 
 class HeldCurrents {
  public:
-  // `turning`: the angle changes.
-  void add(const CurrentPair& pair, bool turning);
+  // `angle_moves`: the angle differs from that of the row before.
+  void add(const CurrentPair& pair, bool angle_moves);
   // Share of all rows; 0 if the repeated ones may all be chance. `i_lsb`: step of the currents.
   double share(double i_lsb) const;
 
@@ -93,8 +95,8 @@ class HeldCurrents {
   double all_ = 0, by_chance_ = 0, variance_ = 0, others_ = 0;  // sums over the groups
   double all_over_one_ = 0, by_chance_over_one_ = 0;
   Eigen::Matrix3d steps_ = Eigen::Matrix3d::Zero();  // products of the steps' noise
-  std::size_t seen_ = 0;
-  double rows_ = 0;  // rows in these products
+  std::size_t seen_ = 0, moved_ = 0;  // rows; rows up to the last change of the angle
+  double rows_ = 0;                   // rows in these products
 };
 
 }  // namespace twinrate
