@@ -90,13 +90,19 @@ double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const E
   return 0;
 }
 
-double zero_within_count(const TraceResult& result, const Sensor& angle) {
+double zero_in_doubt(const Sensor& angle, int declared_counts) {
+  if (angle.centre <= 0) return 0;
+  return declared_counts > 0 ? angle.lsb / 2 : angle.lsb;
+}
+
+double zero_within(double in_doubt, const TraceResult& result) {
   constexpr double kSigmas = 2;
+  if (in_doubt == 0) return 0;
   const auto zero = make_of(Traits::Family::kAngleSensor);
   for (const TracedEffect& e : result.effects) {
     if (e.effect->kind() != zero->kind() || e.parameters.empty()) continue;
     const TracedParameter& offset = e.parameters.front();
-    if (std::abs(offset.value) < angle.lsb + kSigmas * offset.sigma.value_or(0))
+    if (std::abs(offset.value) < in_doubt + kSigmas * offset.sigma.value_or(0))
       return -offset.value;
   }
   return 0;

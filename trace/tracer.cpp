@@ -386,6 +386,7 @@ bool free_moment(const Chain& seen, const Record& record, const Members& members
 
 TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, bool given) {
   const Record& raw = log.changed ? *log.changed : log_;
+  const double of_zero = zero_in_doubt(raw.angle, drive_.sensors.encoder_counts);
   const bool rounding_unknown = drive_.sensors.encoder_counts == 0 && raw.angle.centre > 0;
   if (rounding_unknown)
     if (const double back = rounding_to_nearest(raw, facts_, known_); back != 0) {
@@ -393,7 +394,7 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
           from_zero(back, "theta_m was rounded to the nearest count, and is used as it stands",
                     judging, given);
       // An offset within a count is left, so it was not.
-      if (zero_within_count(nearest, raw.angle) == 0) return nearest;
+      if (zero_within(of_zero, nearest) == 0) return nearest;
     }
   BusRipple bus = find_bus_ripple(raw, judging, facts_, known_, settings_.considered);
   const std::optional<Record> applied = as_bus_acted(raw, bus);
@@ -457,8 +458,14 @@ TraceResult Tracing::trace_rows(const Readable& log, std::vector<char> judging, 
                                  .health = health_,
                                  .bus = bus,
                                  .lag_is_open = log.voltage.open_s > 0});
-  if (const double by = rounding_unknown ? zero_within_count(result, raw.angle) : 0; by != 0)
-    return from_zero(by, "the zero of theta_m was moved within a count", judging, given);
+  if (const double by = zero_within(of_zero, result); by != 0)
+    return from_zero(
+        by,
+        fmt::format("the zero of theta_m was moved by {:.2g} of a count, {:.3g} rad: no "
+                    "encoder_offset of that size is told from the place of a reading "
+                    "within its count",
+                    by / raw.angle.lsb, by),
+        judging, given);
   for (const std::string& line : {log.voltage.told, log.fast})
     if (!line.empty()) result.health.push_back(line);
   laps_("conclusions");

@@ -315,19 +315,28 @@ TEST(Encoder, ItsRoundingIsToldFromTheErrorOfAnEffect) {
   EXPECT_TRUE(says_nearest(trace_of(nearest, false)));
 }
 
-TEST(Encoder, AZeroWithinACountIsNoClaimWhereTheCountsAreNotDeclared) {
+TEST(Encoder, AZeroWithinHalfACountIsNoClaim) {
   SyntheticDrive drive = small_servo(1440);
   drive.offset_theta = -0.45 * kTwoPi / 1440;
-  const TraceResult r = trace_of(drive, false);
-  EXPECT_TRUE(r.effects.empty()) << r.sentence;
-  // Nor is an offset shown to be absent.
-  EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "encoder_offset"), 0);
-  EXPECT_EQ(std::count_if(r.not_identifiable.begin(), r.not_identifiable.end(),
-                          [](const auto& kind) {
-                            return kind.first == "encoder_offset" &&
-                                   kind.second.starts_with("theta_m was moved");
-                          }),
-            1);
+  for (const bool with_counts : {true, false}) {
+    const TraceResult r = trace_of(drive, with_counts);
+    EXPECT_TRUE(r.effects.empty()) << r.sentence;
+    // Nor is an offset shown to be absent.
+    EXPECT_EQ(std::count(r.identifiable.begin(), r.identifiable.end(), "encoder_offset"), 0);
+    EXPECT_EQ(std::count_if(r.not_identifiable.begin(), r.not_identifiable.end(),
+                            [](const auto& kind) {
+                              return kind.first == "encoder_offset" &&
+                                     kind.second.starts_with("theta_m was moved");
+                            }),
+              1);
+  }
+}
+
+TEST(Encoder, AnOffsetWithinACountIsAClaimWhereTheCountsAreDeclared) {
+  SyntheticDrive drive = small_servo(1440);
+  drive.offset_theta = 0.8 * kTwoPi / 1440;
+  EXPECT_EQ(found_in(drive, true), "encoder_offset ");
+  EXPECT_EQ(found_in(drive, false), "");
 }
 
 TEST(Encoder, AnOffsetOfSeveralCountsIsFound) {
