@@ -77,10 +77,6 @@ struct Judgement {
   double kept = 1;  // least share of a part's own gain
 };
 
-// The smallest share of a machine parameter that an effect leaves, and the name of the parameter. 1
-// and "" if it lowers none.
-std::pair<double, const char*> least_left(const Effect& effect, const MachineParameters& machine);
-
 struct Passed {
   Fit fit;                        // of the members that passed, on all rows that do not judge
   std::vector<std::size_t> kept;  // their indices in the members given to the gate

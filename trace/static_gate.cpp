@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/another_machine.hpp"
 #include "trace/keys.hpp"
 
 namespace twinrate {

@@ -57,15 +57,18 @@ VoltageMeaning voltage_meaning(const Record& record, const DriveFacts& facts) {
   const std::string compared = fmt::format(
       "the mean of the interval leaves {:.2g} % of the voltage's power, the tick's value {:.2g} %",
       100 * power_left(mean), 100 * power_left(tick));
-  if (fits(tick, mean))
-    return {.of_tick = true,
-            .open_e = mean.mean_interval_e / ticks,
-            .open_s = record.T_s,
-            .told = fmt::format(
-                "{}, and its voltage is that of a tick ({}): the mean to the next row is "
-                "taken from the ticks at its ends; an encoder_offset below {:.2g} rad and "
-                "a lag below {:.2g} s are not traced",
-                rows, compared, mean.mean_interval_e / ticks / facts.machine.n_p, record.T_s)};
+  if (fits(tick, mean)) {
+    // The ticks scatter about their mean. A lag of the voltage of up to two rows, which the ticks at
+    // the ends of an interval span, averages that scatter away.
+    VoltageMeaning of_tick{
+        .of_tick = true, .open_e = mean.mean_interval_e / ticks, .open_s = 2 * record.T_s};
+    of_tick.told = fmt::format(
+        "{}, and its voltage is that of a tick ({}): the mean to the next row is "
+        "taken from the ticks at its ends; an encoder_offset below {:.2g} rad and "
+        "a lag below {:.2g} s are not traced",
+        rows, compared, of_tick.open_e / facts.machine.n_p, of_tick.open_s);
+    return of_tick;
+  }
   if (mean.mean_interval_e < kStill && power_left(mean) < kAsGood * power_left(tick)) {
     VoltageMeaning slow{.open_e = mean.mean_interval_e, .open_s = record.T_s};
     slow.told = fmt::format(

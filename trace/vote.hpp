@@ -23,6 +23,10 @@ class JudgingRows {
 
   double product(const Sampled& x, const Sampled& y, Channel channel) const;
   double energy(const Sampled& y, Channel channel) const { return product(y, y, channel); }
+  // Of the voltage and of the torque.
+  std::array<double, 2> energies(const Sampled& y) const {
+    return {energy(y, &Sampled::d) + energy(y, &Sampled::q), energy(y, &Sampled::torque)};
+  }
   void add_energy(const Sampled& y, Channel channel, std::map<int, double>& of_file) const;
   // Projection of `y` on `change`, over the standard deviation of the same projection of `noise` at
   // other moments.

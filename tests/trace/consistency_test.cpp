@@ -397,7 +397,7 @@ TEST(Units, OfTheVoltageOfATickNothingIsAssertedWhereNothingIsMissing) {
   const VoltageMeaning meaning = voltage_meaning(of_tick, servo().facts());
   EXPECT_EQ(meaning.doubt, "");
   EXPECT_TRUE(meaning.of_tick);
-  EXPECT_EQ(meaning.open_s, of_tick.T_s);
+  EXPECT_EQ(meaning.open_s, 2 * of_tick.T_s);
   const TraceResult r = trace_record(of_tick, servo(), {}, {});
   EXPECT_FALSE(r.electrical);
   for (const TracedEffect& e : r.effects) EXPECT_NE(e.equation, "electrical") << e.effect->kind();
