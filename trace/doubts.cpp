@@ -162,9 +162,35 @@ std::vector<char> changing_speed(const Equations& equations, const Runs& outputs
   return changes;
 }
 
+namespace {
+
+// The frequency at which the counts of the angle pass in the second half of the record, if the rows
+// show it, or one of its first harmonics, as `f_Hz`; 0: they do not.
+double counts_shown_as(double f_Hz, const Record& record) {
+  constexpr int kHarmonics = 3;
+  constexpr double kLines = 2;  // resolved frequencies
+  const std::size_t end = record.size() - 1, begin = end / 2;
+  const double T = record.t[end] - record.t[begin];
+  if (record.angle.lsb == 0 || T <= 0) return 0;
+  const double counts_Hz =
+      std::abs(record.theta_m[end] - record.theta_m[begin]) / T / record.angle.lsb;
+  for (int harmonic = 1; harmonic <= kHarmonics; ++harmonic)
+    if (std::abs(std::abs(std::remainder(harmonic * counts_Hz, 1 / record.T_s)) - f_Hz) <
+        kLines / T)
+      return harmonic * counts_Hz;
+  return 0;
+}
+
+}  // namespace
+
 std::string doubt_of_line(const Effect& line, const Chain& chain, double i_lsb) {
   const double f_Hz = get_key(line, "frequency_Hz");
   if (f_Hz == 0 || !at_constant_speed(chain.equations())) return "";
+  if (const double counts_Hz = counts_shown_as(f_Hz, chain.equations().record()); counts_Hz > 0)
+    return fmt::format(
+        "at constant speed, the counts of the angle pass at {:.4g} Hz, which the rows show as "
+        "{:.4g} Hz: the controller responds to each",
+        counts_Hz, f_Hz);
   const MachineParameters& m = chain.equations().facts().machine;
   const double half_count = chain.equations().record().angle.lsb / 2, half_step = i_lsb / 2,
                most_Nm =

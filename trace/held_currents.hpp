@@ -23,11 +23,14 @@
 // currents that add up to nearly zero repeat together often. The other is the factor with which they
 // repeat the row before the last together (bursts). Repetitions beyond it are held rows. All rows of
 // a rotor that turns are counted: the rows at which a coarse angle changes lie before the leap of
-// the current, and repeat more often than those around them. (If the
+// the current, and repeat more often than those around them. Currents that leap and ring are not
+// noise: their mean squared change depends on the distance of the rows (kWhite), and no share is
+// reported. (If the
 // noise is smaller than the steps of the converter, both currents repeat as long as neither is near
 // an edge. Then no share is reported. A current of less than two steps repeats while it is near
 // zero: such rows do not count.)
 #pragma once
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -53,7 +56,10 @@ struct CurrentPair {
   Vec2 step = Vec2::Zero();     // A, from row k-1 to row k
   Vec2 way = Vec2::Zero();      // A a row, slope of the line
   Vec2 ahead = Vec2::Zero();    // A, sum of the two rows less twice the line (e above)
-  double noise_z = 0;           // A, step of the third current less the slope of its line
+  // A^2, squared change from one to kDistances rows before to row k, less the line.
+  static constexpr std::size_t kDistances = 4;
+  std::array<double, kDistances> changes{};
+  double noise_z = 0;  // A, step of the third current less the slope of its line
   bool repeats() const { return repeated.all(); }
   // Closer to the value of a held row than to that of chance.
   bool looks_held() const { return repeats() && -2 * ahead.dot(way) > way.squaredNorm(); }
@@ -96,7 +102,8 @@ class HeldCurrents {
   double all_over_one_ = 0, by_chance_over_one_ = 0;
   Eigen::Matrix3d steps_ = Eigen::Matrix3d::Zero();  // products of the steps' noise
   std::size_t seen_ = 0, moved_ = 0;  // rows; rows up to the last change of the angle
-  double rows_ = 0;                   // rows in these products
+  std::array<double, CurrentPair::kDistances> changes_{};  // A^2, sums of those of the pairs
+  double rows_ = 0;                                        // rows in these products
 };
 
 }  // namespace twinrate

@@ -346,16 +346,16 @@ TEST(Health, CurrentsThatLeapAtEachCountOfAnEncoderAreNotHeld) {
   }
 }
 
-// Two sensors, and a rotor that turns by a count as the currents step and by one a row later: of the
-// rows at which the angle changes, half repeat by chance, and none repeats the row before the last.
-TEST(Health, CurrentsThatStepWithTheAngleAreNotHeld) {
+// Two sensors of currents that step once in `rows`. The angle changes in the first two of them: if
+// these are not all rows, half of those repeat by chance, and none repeats the row before the last.
+RawLog stepping_currents(std::size_t rows) {
   constexpr double kStep = 0.06, kNoise = 0.008, kLsb = 0.02;  // A
   RawLog raw;
   raw.path = "steps";
   int count = 0;
   for (std::size_t k = 0; k < 60000; ++k) {
-    const std::size_t steps = k / 3;
-    if (k % 3 < 2) ++count;
+    const std::size_t steps = k / rows;
+    if (k % rows < 2) ++count;
     raw.t.push_back(1e-4 * static_cast<double>(k));
     raw.theta_m.push_back(kTwoPi / 8192 * count);
     const auto read = [&](std::uint64_t phase, double size) {
@@ -365,7 +365,11 @@ TEST(Health, CurrentsThatStepWithTheAngleAreNotHeld) {
     raw.i_a.push_back(read(0, 1)), raw.i_b.push_back(read(1, steps % 4 == 1 ? 1 : -1));
     raw.v_dc.push_back(235.4 + 0.2 * normal(17, 3, k));
   }
-  EXPECT_EQ(held_share(raw), 0);
+  return raw;
+}
+
+TEST(Health, CurrentsThatStepAreNotHeld) {
+  for (std::size_t rows : {2, 3}) EXPECT_EQ(held_share(stepping_currents(rows)), 0) << rows;
 }
 
 // After two repeated rows, a row holds a reading older than that of the row before.
