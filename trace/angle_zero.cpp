@@ -45,9 +45,15 @@ std::map<std::string_view, Eigen::MatrixXd> voltages_by_kind(const Chain& chain)
 double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const Effects& known) {
   constexpr double kNear = 0.25;       // of a count
   constexpr double kLeastPart = 1e-3;  // of the residual's energy, that an effect explains
-  constexpr double kCollinear = 1e-3;  // of a column's energy, left beside the effects before it
-  constexpr double kLeastLeft = 0.5;   // of the energy of encoder_offset's column, left beside them
-  constexpr int kMostEffects = 5;      // beside which the offset is estimated
+  // Of a column's energy, left beside the effects before it. At constant speed all columns are alike,
+  // and their difference is noise of the angle, as in the residual.
+  constexpr double kCollinear = 0.05;
+  constexpr double kLeastLeft = 0.5;  // of the energy of encoder_offset's column, left beside them
+  // Of the energy that they leave. Seven counters that round down, beside larger effects, had an
+  // offset of about half a count and at most 0.066 of the energy; simulated ones that round to the
+  // nearest have 0.1 and more.
+  constexpr double kLeastOfRest = 0.08;
+  constexpr int kMostEffects = 5;  // beside which the offset is estimated
   const double half = whole.angle.centre;
   if (half <= 0 || !whole.has_voltage_equation()) return 0;
   const Record record = thinned(whole, rows_as_one(whole.T_s), facts.machine.n_p);
@@ -72,7 +78,7 @@ double rounding_to_nearest(const Record& whole, const DriveFacts& facts, const E
     const Eigen::MatrixXd A = std::move(best->second);
     if (best->first == zero) {
       // An estimate from the small part that the others leave is one of their errors.
-      if (A.squaredNorm() < kLeastLeft * alone) return 0;
+      if (A.squaredNorm() < kLeastLeft * alone || most < kLeastOfRest * e.squaredNorm()) return 0;
       const double counts = A.col(0).dot(e) / A.col(0).squaredNorm() / whole.angle.lsb;
       return std::abs(counts - 0.5) < kNear ? -half : 0;
     }
