@@ -226,6 +226,8 @@ void add_drawn_options(bench::CommandLine& command_line, bool& on_drawn, DrawnOp
       .option("--spoilt", &drawn.spoilt,
               "spoil each log by a user's slip, or by an effect outside the catalogue")
       .among({"slips", "hidden"});
+  command_line.flag("--foreign", drawn.foreign,
+                    "draw logs of a plant that shares no code with the project's (with --drawn)");
   command_line.option("--profile", &drawn.profile, "draw logs of this profile only (with --drawn)");
   command_line.option("--kind", &drawn.kind,
                       "draw logs with an effect of this kind only (with --drawn)");
@@ -269,7 +271,12 @@ int main(int argc, char** argv) {
   if (on_drawn) {
     drawn.first_seed = static_cast<std::uint64_t>(o.first_seed);
     drawn.only = o.only, drawn.out = o.out;
-    return run_drawn(drawn);
+    try {
+      return run_drawn(drawn);
+    } catch (const twinrate::BadInput& error) {
+      fmt::print(stderr, "blind_trace: {}\n", error.what());
+      return 2;
+    }
   }
   if (!shard.empty() && std::sscanf(shard.c_str(), "%d/%d", &o.shard, &o.shards) != 2) return 2;
   return o.merge.empty() ? run(o) : merge(o.merge);

@@ -202,8 +202,7 @@ Vec2 row_voltage(const DrawnCase& c, const std::vector<Tick>& ticks, std::size_t
   return sum / static_cast<double>(end - k);
 }
 
-DrawnLog make_log(const DrawnCase& c) {
-  const std::vector<Tick> ticks = simulate(c);
+DrawnLog log_of(const DrawnCase& c, const std::vector<Tick>& ticks) {
   DrawnLog log;
   log.columns = columns_of(c);
   for (const Tick& x : ticks) {
@@ -212,9 +211,14 @@ DrawnLog make_log(const DrawnCase& c) {
   }
   for (std::size_t k = 0; k < ticks.size(); k += static_cast<std::size_t>(c.every))
     if (ticks[k].there) log.rows.push_back(row_of(c, ticks, k));
-  log.truth = shown(c, log.largest_current);
   log.ran_away = !(log.largest_current < 0.99 * c.drawn.i_range &&
                    log.largest_speed < 1.5 * c.drawn.machine.omega_m_rated);
+  return log;
+}
+
+DrawnLog make_log(const DrawnCase& c) {
+  DrawnLog log = log_of(c, simulate(c));
+  log.truth = shown(c, log.largest_current);
   return log;
 }
 

@@ -30,6 +30,8 @@ struct DrawnLog {
 };
 
 DrawnLog make_log(const DrawnCase& which);
+// The rows of ticks, without the truth.
+DrawnLog log_of(const DrawnCase& which, const std::vector<Tick>& ticks);
 // Writes a CSV, gzipped. Throws BadInput.
 void write_csv(const DrawnLog& log, const std::string& path);
 

@@ -17,6 +17,7 @@
 #include "bench/blind/drawn_report.hpp"
 #include "bench/blind/drawn_slips.hpp"
 #include "bench/blind/drawn_visible.hpp"
+#include "bench/blind/foreign_log.hpp"
 #include "core/config.hpp"
 
 namespace twinrate::blind {
@@ -135,7 +136,7 @@ void trace_files(const DrawnOptions& o, const std::string& base, const DrawnCase
                  const DrawnMachine& declared, const DrawnLog& log, const json& truth) {
   const int counts = c.drawn.counts_declared ? c.drawn.encoder_counts : 0;
   write(base + ".toml", drive_toml(declared, c.name, counts));
-  write(base + ".plant.toml", plant_toml(c));
+  if (!o.foreign) write(base + ".plant.toml", plant_toml(c));
   write(base + ".truth.json", truth.dump(1) + "\n");
   if (o.traced && fs::exists(base + ".trace/trace.json")) return;
   write_csv(log, base + ".csv.gz");
@@ -160,11 +161,12 @@ nlohmann::json result_of(const std::string& base) {
 
 std::optional<DrawnRow> trace_one(const DrawnOptions& o, const std::string& directory,
                                   const Drawn& drawn) {
-  auto [c, log] = held_case(o, drawn);
+  auto [c, log] = o.foreign ? draw_foreign(drawn.seed) : held_case(o, drawn);
   const Declared declared = declare(o, drawn, c, log);
   if (o.spoilt == "slips" && declared.spoilt.empty()) return std::nullopt;  // not in this log
-  const Deviations deviations = deviations_in_log(c, log.truth);
-  const std::vector<std::string> visible = visible_kinds(deviations, log.truth);
+  const Deviations deviations = o.foreign ? Deviations() : deviations_in_log(c, log.truth);
+  const std::vector<std::string> visible =
+      o.foreign ? log.truth : visible_kinds(deviations, log.truth);
   const std::string base = directory + "/" + c.name;
   json truth = truth_of(c, log);
   truth["visible"] = visible, truth["deviations"] = deviations;
@@ -212,8 +214,8 @@ std::vector<Drawn> draws_of(const DrawnOptions& o) {
     Drawn drawn{.seed = o.first_seed + step};
     if (!o.spoilt.empty()) drawn = {2 * (o.first_seed + step), j % kinds};  // even: no effect
     const bool of_set = o.spoilt.empty();
-    const std::string name =
-        fmt::format("drawn{}", drawn.seed) + (of_set ? "" : fmt::format("-{}", drawn.spoilt));
+    const std::string name = fmt::format("{}{}", o.foreign ? "foreign" : "drawn", drawn.seed) +
+                             (of_set ? "" : fmt::format("-{}", drawn.spoilt));
     const bool any = o.profile.empty() && o.mode.empty() && o.kind.empty();
     if (name.find(o.only) == std::string::npos) continue;
     if (!of_set || any || is_asked_for(o, draw_case(drawn.seed))) draws.push_back(drawn);
@@ -256,6 +258,9 @@ std::vector<DrawnRow> trace_all(const DrawnOptions& o, const std::string& direct
 }  // namespace
 
 int run_drawn(const DrawnOptions& asked) {
+  if (asked.foreign &&
+      !(asked.spoilt + asked.set + asked.profile + asked.mode + asked.kind).empty())
+    throw BadInput("--foreign goes with --first-seed and --logs alone");
   const DrawnOptions o = with_set(asked);
   const bool keep = !o.keep.empty();
   const std::string directory =
