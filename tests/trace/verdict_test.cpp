@@ -5,6 +5,7 @@
 
 #include "tests/trace/fitted_drive.hpp"
 #include "trace/doubts.hpp"
+#include "trace/gate.hpp"
 
 namespace twinrate {
 namespace {
@@ -103,6 +104,44 @@ TEST(Verdict, ATorqueInTimeAtOneSpeedMayBeTheRoundingOfTheAngle) {
   EXPECT_NE(doubt(true, 20, 0.11, 0.01), "") << "half of 10 mA makes 5.7 mNm";
   EXPECT_EQ(doubt(true, 10, 0.1), "") << "a quarter of it";
   EXPECT_EQ(doubt(false, 20, 0.1), "") << "the speed varies";
+}
+
+// The counts pass faster than the rows are read: their beat with the rows is a line at any size.
+TEST(Verdict, ATorqueInTimeAtOneSpeedMayBeTheBeatOfTheCounts) {
+  RawLog raw = simulate_synthetic({.duration_s = 2, .held = true, .counts = 4096});
+  const std::size_t end = raw.size() - 1, half = end / 2;
+  const double turned = raw.theta_m[end] - raw.theta_m[half], T = raw.t[end] - raw.t[half];
+  const double counts_Hz = std::abs(turned) / T * 4096 / kTwoPi;
+  ASSERT_GT(counts_Hz, 1e4) << "rows a second";
+  const FittedDrive drive(raw, {});
+  const auto doubt = [&](double f_Hz) {
+    const auto line =
+        effect_with("periodic_torque", {{"frequency_Hz", f_Hz}, {"amplitude_Nm", 1e5}});
+    return doubt_of_line(*line, drive.chain(), 0);
+  };
+  EXPECT_NE(doubt(counts_Hz - 1e4).find("the counts of the angle pass at"), std::string::npos);
+  EXPECT_EQ(doubt(counts_Hz - 1e4 + 5), "");
+}
+
+// No model of a cogging of 4 Nm is known to 10 mNm.
+TEST(Gate, RefusesAPartWithinTheErrorOfALargerEffect) {
+  const auto refused_beside = [](double amplitude_Nm) {
+    SyntheticDrive drive{.duration_s = 3};
+    drive.extra_load = [=](double, double theta, double) {
+      return amplitude_Nm * std::sin(17 * theta + 0.8) + 0.01 * std::sin(theta + 0.4);
+    };
+    const Members claims = {
+        effect_with("cogging",
+                    {{"order", 17.}, {"amplitude_Nm", amplitude_Nm}, {"phase_rad", 0.8}}),
+        effect_with("eccentric_load", {{"amplitude_Nm", 0.01}, {"phase_rad", 0.4}})};
+    const FittedDrive fitted(simulate_synthetic(drive), claims);
+    const Fitter fitter = fitted.fitter();
+    const Passed passed = Gate(fitter, fitted.chain(), {})(claims);
+    return passed.refused.empty() ? ""
+                                  : passed.refused.front().kind + ": " + passed.refused[0].rule;
+  };
+  EXPECT_EQ(refused_beside(0.4), "");
+  EXPECT_EQ(refused_beside(4), "eccentric_load: size");
 }
 
 }  // namespace
