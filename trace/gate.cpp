@@ -301,6 +301,19 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
           fmt::format("{:.2g} of its gain comes from rows whose speed changes: at constant speed "
                       "the rounding of the counts repeats, and a shaft may fit it",
                       std::max(0.0, asked.in_motion[m])));
+  // So does that of an encoder whose counts are too fine to be found, or of a converter behind a sine
+  // and a cosine. A false inductance (2^20 counts, 280 a row) had 45 standard deviations of the
+  // drawn noise, and 1.4 times its energy.
+  constexpr double kNoiseAsWell = 1.5, kFarAlong = 100;
+  const bool unknown_steps = whole_.equations().record().angle.lsb == 0;
+  for (std::size_t m = 0; m < members.size(); ++m)
+    if (const Vote& v = asked.votes[m];
+        passes(out[m]) && v.of_voltage && unknown_steps && v.over_noise < kNoiseAsWell &&
+        v.along_beside_noise < kFarAlong && at_constant_speed(whole_.equations()))
+      refuse(m, "sensors", "", v.along_beside_noise,
+             fmt::format("it is {:.2g} standard deviations of the sensors' noise; {:.0f} are "
+                         "required at constant speed, where the errors of the angle repeat",
+                         v.along_beside_noise, kFarAlong));
   // It may make a line of the voltage, too. Of the lines in 63 drawn logs with flux harmonics the
   // only false one has 0.0034 of the noise's energy and a negative share in motion; true ones have
   // 0.4 or more of the energy, or a share of 0.3 or more.
