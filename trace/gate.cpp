@@ -97,6 +97,22 @@ bool is_line(const Effect& effect) {
   return in != Traits::Period::kUnstated && in != Traits::Period::kNothing;
 }
 
+// True at constant speed if the counts of the angle were not found, and half of the coarsest that are
+// not looked for would make a third of the voltage's error or more.
+bool unseen_counts_matter(const Chain& whole, const Fit& without) {
+  constexpr double kHalfCount = kPi / (1 << 18), kPart = 1.0 / 3;
+  const Equations& equations = whole.equations();
+  if (equations.record().angle.lsb > 0 || !at_constant_speed(equations)) return false;
+  const Sampled error = whole.residual(without.effects());
+  double omega_2 = 0;
+  for (const std::size_t row : whole.sampler().electrical().row)
+    omega_2 += std::pow(equations.points()[row].omega_m, 2);
+  const MachineParameters& m = equations.facts().machine;
+  const double per_rad_s = m.n_p * kHalfCount * m.n_p * m.psi_f;
+  return per_rad_s * per_rad_s * omega_2 >
+         kPart * kPart * (error.d.squaredNorm() + error.q.squaredNorm()) / 2;
+}
+
 // The fall of the energy of the voltage and of the torque, on the judging rows.
 std::array<double, 2> fall_by(const JudgingRows& judging, const Sampled& with,
                               const Sampled& without) {
@@ -131,13 +147,8 @@ struct Gate::Asked {
 };
 
 Gate::Asked Gate::ask(const Fit& fit) const {
-  Asked asked{.fit = fit,
-              .with = {},
-              .without_fit = {},
-              .votes = {},
-              .in_motion = {},
-              .falls = {},
-              .falls_by = {}};
+  Asked asked;
+  asked.fit = fit;
   const auto left_by = [&](const Fit& f) { return whole_.residual(f.effects()); };
   const Sampled raw = left_by(fit);
   asked.with = whole_.whitened(raw);
@@ -301,15 +312,13 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
           fmt::format("{:.2g} of its gain comes from rows whose speed changes: at constant speed "
                       "the rounding of the counts repeats, and a shaft may fit it",
                       std::max(0.0, asked.in_motion[m])));
-  // So does that of an encoder whose counts are too fine to be found, or of a converter behind a sine
-  // and a cosine. A false inductance (2^20 counts, 280 a row) had 45 standard deviations of the
-  // drawn noise, and 1.4 times its energy.
+  // So does that of an encoder whose counts are too fine to be found. A false inductance (2^20
+  // counts, 280 a row) had 45 standard deviations of the drawn noise, and 1.4 times its energy.
   constexpr double kNoiseAsWell = 1.5, kFarAlong = 100;
-  const bool unknown_steps = whole_.equations().record().angle.lsb == 0;
   for (std::size_t m = 0; m < members.size(); ++m)
     if (const Vote& v = asked.votes[m];
-        passes(out[m]) && v.of_voltage && unknown_steps && v.over_noise < kNoiseAsWell &&
-        v.along_beside_noise < kFarAlong && at_constant_speed(whole_.equations()))
+        passes(out[m]) && v.of_voltage && v.over_noise < kNoiseAsWell &&
+        v.along_beside_noise < kFarAlong && unseen_counts_matter(whole_, asked.without_fit[m]))
       refuse(m, "sensors", "", v.along_beside_noise,
              fmt::format("it is {:.2g} standard deviations of the sensors' noise; {:.0f} are "
                          "required at constant speed, where the errors of the angle repeat",

@@ -9,6 +9,7 @@
 
 #include "model/effects/catalogue.hpp"
 #include "model/effects/materiality.hpp"
+#include "trace/doubts.hpp"
 #include "trace/keys.hpp"
 #include "trace/statistics.hpp"
 #include "trace/torque_over_sensors.hpp"
@@ -32,6 +33,9 @@ constexpr double kLeastShare = 0.04;  // of the residual's power: a smaller part
 constexpr const char* kNotConfirmed = "the held-out rows do not confirm it";
 constexpr const char* kOfCounts =
     "an angle error of half a count can make twice as much (a finer encoder would decide)";
+constexpr const char* kOfNoise = "the sensors' noise has as much energy";
+constexpr const char* kOfSpeed =
+    "at constant speed the rounding of the angle repeats, and the controller responds to it";
 // Of the EMF that half a count makes in the d voltage. Ten drawn logs have such a structure and no
 // claim. In the five that lack nothing it is 0.11 to 0.42 of that EMF. In the others it is 0.18 in
 // one, and 1.02 or more in four.
@@ -271,13 +275,16 @@ class StructureSearch {
     const double least = least_ + made_by_sensors(noise, noisier, alone ? e : noise, judges);
     if (fitted < least) return {};
     // Beside a claim the sensors explain all of an error that is smaller than theirs, as in the gate.
+    // Without a claim it is in doubt.
     const auto exceeds = [&](const Eigen::VectorXd& errors) {
-      return !alone && errors.size() == e.size() && errors.norm() > e.norm();
+      return errors.size() == e.size() && errors.norm() > e.norm();
     };
-    if (exceeds(noise)) return {};
+    bool of_noise = exceeds(noise);
+    if (of_noise && !alone) return {};
     if (counts_may_) {
       const Eigen::VectorXd& moved = rounding(true).*looked.noise;
-      if (exceeds(moved) ||
+      of_noise = of_noise || exceeds(moved);
+      if ((of_noise && !alone) ||
           (moved.size() == e.size() &&
            fitted < least_ + made_by_sensors(moved, x, alone ? e : moved, judges)))
         return {};
@@ -290,8 +297,19 @@ class StructureSearch {
     if (!alone) return {.share = of_time || gain > 0 ? fitted : 0};
     if (!transfers(votes)) return {.share = of_time ? fitted : 0, .doubt = kNotConfirmed};
     const double rms = root_mean_square(means.of(physical_.*looked.value));
+    const bool of_counts = rms < kOfCount * emf_of_half_a_count(looked, runs);
     return {.share = gain < least ? 0 : gain,
-            .doubt = rms < kOfCount * emf_of_half_a_count(looked, runs) ? kOfCounts : nullptr};
+            .doubt = of_counts       ? kOfCounts
+                     : of_noise      ? kOfNoise
+                     : repeats(axis) ? kOfSpeed
+                                     : nullptr};
+  }
+
+  // True for a current or the speed where the speed is constant. They move by the counts alone.
+  bool repeats(const Axis& axis) const {
+    const std::string_view of = axis.regressor;
+    return (of == "i_d" || of == "i_q" || of == "omega_m") &&
+           chain_.equations().record().angle.lsb > 0 && at_constant_speed(chain_.equations());
   }
 
   // Rms of the d voltage from an angle error of half a count. The loop responds to each count, so

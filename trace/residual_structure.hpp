@@ -15,7 +15,10 @@ double least_torque(const DriveFacts& facts);
 // beyond chance, by pieces as in the gate. Beside a claim it must not raise that error. A structure
 // over time has no other rows that could judge it: it is reported beside a claim, and alone it is
 // not confirmed. If one mean of all rows has most of the share, that mean is reported and no axis.
-// A d voltage below half of the EMF that an angle error of half a count makes is in doubt. If no
+// Without a claim a structure is in doubt if the sensors' errors have as much energy as the whole
+// residual, or if it follows a current or the speed where the speed is constant and the angle has
+// counts: the loop moves both by the counts alone. A d voltage below half of the EMF that an angle
+// error of half a count makes is in doubt. If no
 // rows judge, every fourth of 24 blocks does. Moved counts (trace/rounding.hpp) reproduce the slow
 // errors at a speed that passes whole counts from row to row. Beside a claimed error of a current
 // or of the angle they excuse nothing, because the structure may come from that error. Of the 36
