@@ -312,7 +312,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
           fmt::format("{:.2g} of its gain comes from rows whose speed changes: at constant speed "
                       "the rounding of the counts repeats, and a shaft may fit it",
                       std::max(0.0, asked.in_motion[m])));
-  // So does that of an encoder whose counts are too fine to be found. A false inductance (2^20
+  // So does the rounding of an encoder whose counts are too fine to be found. A false inductance (2^20
   // counts, 280 a row) had 45 standard deviations of the drawn noise, and 1.4 times its energy.
   constexpr double kNoiseAsWell = 1.5, kFarAlong = 100;
   for (std::size_t m = 0; m < members.size(); ++m)
@@ -323,7 +323,7 @@ std::vector<Refused> Gate::refusals(const Asked& asked) const {
              fmt::format("it is {:.2g} standard deviations of the sensors' noise; {:.0f} are "
                          "required at constant speed, where the errors of the angle repeat",
                          v.along_beside_noise, kFarAlong));
-  // It may make a line of the voltage, too. Of the lines in 63 drawn logs with flux harmonics the
+  // Rounding may make a line of the voltage, too. Of the lines in 63 drawn logs with flux harmonics the
   // only false one has 0.0034 of the noise's energy and a negative share in motion; true ones have
   // 0.4 or more of the energy, or a share of 0.3 or more.
   constexpr double kOfNoise = 0.1;

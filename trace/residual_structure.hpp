@@ -18,13 +18,13 @@ double least_torque(const DriveFacts& facts);
 // Without a claim a structure is in doubt if the sensors' errors have as much energy as the whole
 // residual, or if it follows a current or the speed where the speed is constant and the angle has
 // counts: the loop moves both by the counts alone. A d voltage below half of the EMF that an angle
-// error of half a count makes is in doubt. If no
-// rows judge, every fourth of 24 blocks does. Moved counts (trace/rounding.hpp) reproduce the slow
-// errors at a speed that passes whole counts from row to row. Beside a claimed error of a current
-// or of the angle they excuse nothing, because the structure may come from that error. Of the 36
-// logs of set A (bench/blind) that lack nothing and had a structure, or none for a fault, 5 have an
-// axis left with all rules; 8 without the rule of the sensors, 12 without that of transfer, 11 if
-// an axis may move by its noise alone, 26 by the means of fitted rows alone.
+// error of half a count makes is in doubt. If no rows judge, every fourth of 24 blocks does. Moved
+// counts (trace/rounding.hpp) reproduce the slow errors at a speed that passes whole counts from
+// row to row. Beside a claimed error of a current or of the angle they excuse nothing, because the
+// structure may come from that error. Of the 36 logs of set A (bench/blind) that lack nothing and
+// had a structure, or none for a fault, 5 have an axis left with all rules; 8 without the rule of
+// the sensors, 12 without that of transfer, 11 if an axis may move by its noise alone, 26 by the
+// means of fitted rows alone.
 std::vector<Structure> residual_structure(const Fitter& fitter, const Fit& fit);
 // The structure of a line (periodic_torque) that the selection needed.
 Structure line_structure(const Effect& effect, const Selected& selected);

@@ -8,8 +8,7 @@
 //   torque         i_q of both signs, turned around at a speed
 //   one_start, steady, slow
 //
-// A third of the logs begin in motion, or with a time constant of a drift behind them. Some loops
-// have no decoupling, and some a dither. The readings are floors of the angle (or an angle with
+// A third of the logs begin in motion. Some loops have no decoupling, and some a dither. The readings are floors of the angle (or an angle with
 // noise), rounded currents with noise, and the bus voltage.
 #pragma once
 #include "bench/blind/drawn_log.hpp"
