@@ -14,9 +14,10 @@ constexpr double kFewSteps = 2;  // steps of the converter
 constexpr std::size_t kSide = 3;
 constexpr std::size_t kStill = 256;  // rows of one angle after which the rotor stands still
 static_assert(kSide + 1 <= kStaleReach && CurrentPair::kDistances <= kSide + 1);
-// Mean squared change over two to four rows, over that of one row. Of 23 drawn logs with repeated rows
-// 17 have ratios of 0.82 to 1.42; the other six are judged as before, by other rules. Five logs whose
-// currents leap at each count of an encoder have at least one ratio of 0.3, or 1.57 to 2.6.
+// Mean squared change over two to four rows, over that of one row. Of 23 drawn logs with repeated
+// rows 17 have ratios of 0.82 to 1.42; the other six are judged as before, by other rules. Five
+// logs whose currents leap at each count of an encoder have at least one ratio of 0.3, or 1.57 to
+// 2.6.
 constexpr double kWhiteLeast = 0.75, kWhiteMost = 1.45;
 
 }  // namespace

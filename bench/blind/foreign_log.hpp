@@ -8,15 +8,16 @@
 //   torque         i_q of both signs, turned around at a speed
 //   one_start, steady, slow
 //
-// A third of the logs begin in motion. Some loops have no decoupling, and some a dither. The readings are floors of the angle (or an angle with
-// noise), rounded currents with noise, and the bus voltage.
+// A third of the logs begin in motion. Some loops have no decoupling, and some a dither. The
+// readings are floors of the angle (or an angle with noise), rounded currents with noise, and the
+// bus voltage.
 #pragma once
 #include "bench/blind/drawn_log.hpp"
 
 namespace twinrate::blind {
 
-// The header of the case (machine, profile, mode, true kinds) and its log. Half of the seeds have no
-// effect, the others one to three.
+// The header of the case (machine, profile, mode, true kinds) and its log. Half of the seeds have
+// no effect, the others one to three.
 std::pair<DrawnCase, DrawnLog> draw_foreign(std::uint64_t seed);
 
 }  // namespace twinrate::blind
